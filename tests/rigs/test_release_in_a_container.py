@@ -71,12 +71,9 @@ def test_the_demonstration_is_played_in_two_commands_without_a_clone(
     systemd_rig, releases, tmp_path
 ):
     release, wheels = releases[0], tmp_path / "wheels"
-    subprocess.run(
-        (sys.executable, "-m", "pip", "download", "--quiet", "--disable-pip-version-check")
-        + ("--require-hashes", "-r", "demo.txt", "-d", str(wheels)),
-        cwd=release,
-        check=True,
-    )
+    pip = (sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check")
+    fetch = (*pip, "download", "--require-hashes", "-r", "demo.txt", "-d", str(wheels))
+    subprocess.run(fetch, cwd=release, check=True)
     lines = [one.text for one in commands(PROJECT / "docs" / "release.md")]
     outside = tmp_path / "seen"
     outside.mkdir()

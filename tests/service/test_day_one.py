@@ -18,6 +18,7 @@ import tempfile
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Final, NamedTuple
 from unittest.mock import patch
 
@@ -54,13 +55,14 @@ HANDS_S: Final = 1.5
 LINES_MAX: Final = 16
 """Of an output; of a longer one the page shows the beginning and the end."""
 MEASURED: Final = (
-    (r"[-+]?\d+\.\d+(e[-+]\d+)?", "0.0"),
-    (r"\b\d+ °C", "0 °C"),
-    (r"\b\d+ %", "0 %"),
+    (r"(?m)^  (right, \w+: [a-z ]+|step \d+ of .*)\n", ""),  # progress, as often as it was asked
+    (r"(?m)^\d\d:\d\d:\d\d .*\n", ""),  # the newest events
     (r"\b\d{4}-\d\d-\d\d \d\d:\d\d\b", "DATE"),
-    (r"\b\d+:\d\d\b", "0:00"),
+    (r"\b\d+:\d\d\b( +\d+\b(?!%))*", "0:00"),  # with the strides behind it, in a summary
+    (r"[-+]?\d+\.\d+(e[-+]\d+)?", "0.0"),
+    (r"\b\d+( ?%| °C| of \d+ steps)", r"0\1"),
+    (r"\d+ steps", "0 steps"),
     (r"\b[0-9a-z]{8}\.toml", "ID.toml"),
-    (r"(?m)^  (right, \w+: [a-z ]+|step \d+ of .*)\n", ""),  # progress, as often as it was asked for
     (r" +", " "),
 )
 """What differs from run to run, and what stands for it when outputs are compared."""
@@ -141,18 +143,21 @@ class Maker:
             "/etc/gaitd": str(self.etc),
             "/run/bus": str(self.trainer.channel),
             "/var/lib/gaitd": str(folder / "state"),
-            "/home/maker": str(folder / "home"),
         }
-        (folder / "home").mkdir()
+        self.home = folder / "home"
+        self.home.mkdir()
         self.answers: list[str] = []
         machine = shutil.copytree(PROJECT / "configs", folder / "machine")
         edit(machine, {"demo.toml": {"bus.channel": str(self.trainer.channel)}})
         self._switched_on("robot_empty.toml")
+        clock = self.trainer.clock
+        self.time = SimpleNamespace(sleep=self.trainer.run, monotonic=lambda: clock.now_ns() * 1e-9)
+        """Simulated, for commands that ask the service again and again."""
 
     # --- the machine ----------------------------------------------------------------------------
 
     def _switched_on(self, robot: str) -> None:
-        """Give the drives power: the leg is where it was left, with the springs of this robot file."""
+        """Give the drives power; the leg is where it was left, the springs are of this file."""
         machine = self.trainer.folder / "machine"
         edits = {"robot": robot, "friction.law": "paper_sticking"}
         if self.trainer.runs("sim"):
@@ -173,8 +178,9 @@ class Maker:
         words = step.typed.removeprefix("$ ")
         for name, place in self.places.items():
             words = words.replace(name, place)
-        words = words.replace("*.toml", next((one.name for one in (self.trainer.folder / "home").glob("*.toml")), "?"))
-        code, out = self._ran(words.removeprefix("sudo "))
+        for file in self.home.glob("*.toml"):
+            words = words.replace("*.toml", file.name)
+        code, out = self._ran(words)
         for name, place in self.places.items():
             out = out.replace(place, name)
         out = re.sub(r"[ \t]+\n", "\n", out).replace("╯W", "╯\nW")
@@ -213,9 +219,6 @@ class Maker:
         done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=False)
         return done.returncode, done.stdout + done.stderr
 
-    def _now_s(self) -> float:
-        return self.trainer.clock.now_ns() * 1e-9
-
     @contextlib.contextmanager
     def _fast(self, pace: str) -> Iterator[None]:
         self.trainer.tell(f"pace {pace}")
@@ -244,11 +247,10 @@ class Maker:
         with (
             contextlib.redirect_stdout(output),
             contextlib.redirect_stderr(output),
-            contextlib.chdir(self.trainer.folder / "home"),
+            contextlib.chdir(self.home),
             patch.object(sys, "argv", [name, *words]),
             patch.object(sys, "stdin", keyboard),
-            patch.object(remote_service.time, "sleep", self.trainer.run),
-            patch.object(remote_service.time, "monotonic", self._now_s),
+            patch.object(remote_service, "time", self.time),
         ):
             try:
                 main()
@@ -257,7 +259,7 @@ class Maker:
         return code, output.getvalue()
 
     def _session(self, words) -> tuple[int, str]:
-        """The patient presses START where the terminal asks for it, and walks along in the blocks."""
+        """The patient presses START where the terminal asks for it, and walks along."""
         keyboard, stdin = os.openpty()
         drawn = terminal.render
 
@@ -269,8 +271,8 @@ class Maker:
             return drawn(view, texts)
 
         with (
-            open(stdin, encoding="utf-8") as sys_stdin,
-            patch.object(sys, "stdin", sys_stdin),
+            os.fdopen(stdin, encoding="utf-8") as typed,
+            patch.object(sys, "stdin", typed),
             patch.object(terminal, "render", render),
             patch.object(program, "Trainer", partial(Trainer, clock=self.trainer.clock)),
             patch.object(program, "MonotonicClock", lambda: self.trainer.clock),
@@ -283,18 +285,12 @@ class Maker:
 
 def played(maker: Maker, page: str) -> str:
     """The page with the outputs of this machine."""
-    import time
 
     def block(found: re.Match[str]) -> str:
         if found[2] != "console":
             return found[0]
-        text = ""
-        for step in steps(found[3]):
-            t=time.time()
-            shown = maker.types(step)
-            print(f"{time.time()-t:.1f}", step.typed); print(shown, flush=True)
-            text += f"{step.typed}\n{shown}"
-        return f"{found[1]}console\n{text}{found[1]}"
+        lines = (f"{one.typed}\n{maker.types(one)}" for one in steps(found[3]))
+        return f"{found[1]}console\n{''.join(lines)}{found[1]}"
 
     return BLOCK.sub(block, page)
 
