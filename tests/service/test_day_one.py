@@ -25,6 +25,7 @@ from unittest.mock import patch
 import pytest
 from documents import BLOCK, PROJECT
 from gaitd_client import Trainer
+from gaitd_client import trainer as client_library
 from gaitd_session import Advice, program, terminal
 from gaitd_session.plan import BlockKind
 
@@ -48,6 +49,8 @@ HANDS: Final = {
 """What the operator's hands do, when a command asks for it."""
 SESSION_PACE: Final = "6"
 """Of simulated time in the session, whose program runs at the computer's."""
+ANSWERS_S: Final = 60.0
+"""A busy computer changes nothing that the page shows: time is simulated."""
 START_S: Final = 60.0
 """Longest start of a service whose kernels are compiled."""
 HANDS_S: Final = 1.5
@@ -57,6 +60,7 @@ LINES_MAX: Final = 16
 MEASURED: Final = (
     (r"(?m)^  (right, \w+: [a-z ]+|step \d+ of .*)\n", ""),  # progress, as often as it was asked
     (r"(?m)^\d\d:\d\d:\d\d .*\n", ""),  # the newest events
+    (r"(?m)^not valid: no message on .*\n", ""),  # a busy computer, by whose clock `wait` listens
     (r"\b\d{4}-\d\d-\d\d \d\d:\d\d\b", "DATE"),
     (r"\b\d+:\d\d\b( +\d+\b(?!%))*", "0:00"),  # with the strides behind it, in a summary
     (r"[-+]?\d+\.\d+(e[-+]\d+)?", "0.0"),
@@ -251,6 +255,7 @@ class Maker:
             patch.object(sys, "argv", [name, *words]),
             patch.object(sys, "stdin", keyboard),
             patch.object(remote_service, "time", self.time),
+            patch.object(client_library, "ANSWER_TIMEOUT_S", ANSWERS_S),
         ):
             try:
                 main()
