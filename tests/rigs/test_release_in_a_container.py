@@ -80,9 +80,9 @@ def test_the_demonstration_is_played_in_two_commands_without_a_clone(
     script = "\n".join(
         (
             f"! test -e {PROJECT}",
-            "export PATH=/usr/bin:/bin HOME=/root PIP_NO_INDEX=1 PIP_FIND_LINKS=/wheels",
+            "export PATH=/usr/bin:/bin HOME=/srv/user PIP_NO_INDEX=1 PIP_FIND_LINKS=/wheels",
             "ip link set lo up",
-            "cp -r /release /root/release && cd /root/release",
+            "mkdir -p /srv/user && cp -r /release /srv/user/release && cd /srv/user/release",
             *lines,
             f"cp out/demo.png {outside}",
         )

@@ -47,8 +47,8 @@ HANDS: Final = {
     "Press the emergency stop": "sto_open * 1.0",
 }
 """What the operator's hands do, when a command asks for it."""
-SESSION_PACE: Final = "6"
-"""Of simulated time in the session, whose program runs at the computer's."""
+SESSION_PACE: Final = "max"
+"""Speed of simulated time in the session, whose program runs at the computer's."""
 ANSWERS_S: Final = 60.0
 """A busy computer changes nothing that the page shows: time is simulated."""
 START_S: Final = 60.0
@@ -56,7 +56,7 @@ START_S: Final = 60.0
 HANDS_S: Final = 1.5
 """Time for it; the switch is then as before."""
 LINES_MAX: Final = 16
-"""Of an output; of a longer one the page shows the beginning and the end."""
+"""Length of an output; of a longer one the page shows the beginning and the end."""
 MEASURED: Final = (
     (r"(?m)^  (right, \w+: [a-z ]+|step \d+ of .*)\n", ""),  # progress, as often as it was asked
     (r"(?m)^\d\d:\d\d:\d\d .*\n", ""),  # the newest events
