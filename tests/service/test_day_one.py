@@ -55,11 +55,10 @@ START_S: Final = 60.0
 """Longest start of a service whose kernels are compiled."""
 HANDS_S: Final = 1.5
 """Time for it; the switch is then as before."""
-LINES_MAX: Final = 16
-"""Length of an output; of a longer one the page shows the beginning and the end."""
 MEASURED: Final = (
     (r"(?m)^  (right, \w+: [a-z ]+|step \d+ of .*)\n", ""),  # progress, as often as it was asked
     (r"(?m)^\d\d:\d\d:\d\d .*\n", ""),  # the newest events
+    (r"A drive has (a fault|reported an error)", "FAULT"),  # statusword and EMCY race
     (r"(?m)^not valid: no message on .*\n", ""),  # a busy computer, by whose clock `wait` listens
     (r"\b\d{4}-\d\d-\d\d \d\d:\d\d\b", "DATE"),
     (r"\b\d+:\d\d\b( +\d+\b(?!%))*", "0:00"),  # with the strides behind it, in a summary
@@ -189,8 +188,6 @@ class Maker:
             out = out.replace(place, name)
         out = re.sub(r"[ \t]+\n", "\n", out).replace("╯W", "╯\nW")
         lines = out.splitlines()
-        if len(lines) > LINES_MAX:
-            lines = [*lines[: LINES_MAX - 6], "...", *lines[-5:]]
         if code:
             lines.append(f"[exit code {code}]")
         return "".join(line + "\n" for line in lines)
