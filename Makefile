@@ -69,7 +69,7 @@ test-rigs: $(VENV)/dev.stamp  ## SocketCAN, systemd, pages in a browser (after `
 	$(BIN)/pytest -m "rig_vcan and not thorough" --rigs=required; machine=$$?; \
 	wait $$!; container=$$?; cat $(CONTAINER); exit $$((machine | container))
 
-test-package: $(VENV)/dev.stamp  ## the Debian package: built thrice, then installed to purged under systemd (after `make rigs`, root)
+test-package: $(VENV)/dev.stamp  ## the Debian package and a release: built, then installed in containers (after `make rigs`, root)
 	$(BIN)/pytest -m "rig_systemd and thorough" --rigs=required
 
 RIGS ?= required

@@ -185,7 +185,7 @@ def report_reply(
     outcome = said.text(f"outcome.{reply.outcome}")
     mode = f" ({said.text(f'mode.{reply.mode}')})" if reply.mode else ""
     reason = f": {said.refusal(reply.refusal)}" if reply.refusal else ""
-    reason = reason.removesuffix(mode)  # some reasons end with the mode
+    mode = "" if reason.endswith(mode) else mode  # some refusals name it themselves
     print(f"{said.text(f'request.{reply.request}')}: {outcome}{reason}{mode}")
     if following := next_command(reply, said, arguments):
         print(f"{said.text('status.next')}: {following}")

@@ -155,6 +155,8 @@ def accept_other(program, rest):
         named = [word for word in rest if word.startswith("gaitd")]
         assert {word.partition(".")[0] for word in named} <= UNITS
         return
+    if program == "sed":
+        rest = rest[2:]  # -i and what is replaced
     paths = [word.partition("[")[0] for word in rest if re.match(r"\.?/?[\w-]+/", word)]
     for path in paths:
         assert path.startswith("/") or (PROJECT / path).exists(), f"{path} does not exist"

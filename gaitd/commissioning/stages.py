@@ -69,6 +69,9 @@ BY_UNTESTED: Final[Mapping[str, InstructionCode]] = {
 }
 """The same by the state of an input that the service has still to see."""
 
+BY_ANOTHER_COMMAND: Final = frozenset({RefusalCode.SIGN_NOT_PROVEN, RefusalCode.NOT_REFERENCED})
+"""Refusals that no waiting ends: an axis has to be moved alone before."""
+
 
 def instruction_after(reply: Reply) -> Instruction:
     """What the operator is to do after a refusal; to wait, if its code asks for nothing."""
@@ -146,7 +149,8 @@ def _repeated(scene: Scene, request: str) -> Move | None:
     if reply is not None:
         if reply.outcome == Outcome.DONE:
             return NEXT
-        if scene.has_passed(STEP_MAX_S):
+        code = None if reply.refusal is None else reply.refusal.code
+        if code in BY_ANOTHER_COMMAND or scene.has_passed(STEP_MAX_S):
             return failed(_refused(scene, reply))
         shown = instruction_after(reply)
         said = () if shown == state.shown else (shown,)

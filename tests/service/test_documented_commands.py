@@ -53,6 +53,7 @@ ELSEWHERE: Final = {
     r"(sudo|ip|systemctl|systemd-sysusers|journalctl|install|candump|cd) .*": (
         "root, hardware or systemd: tests/rigs"
     ),
+    r"sha256sum .*|gaitd/bin/gaitd demo": "tests/rigs/test_release_in_a_container.py",
     r"apt-get .*": "tests/rigs/test_package_under_systemd.py",
     r"dask .*|gaitd fleet .*": "tests/gaitd/test_fleet.py, test_fleet_friction.py",
     r"gaitd import-candump .*": "tests/gaitd/test_import_candump.py",
@@ -87,7 +88,11 @@ ELSEWHERE: Final = {
 }
 """Commands that are not run here, and why or where else."""
 
-ALL: Final = list(dict.fromkeys(" ".join(one.words) for page in PAGES for one in commands(page)))
+PLAYED: Final = PROJECT / "docs" / "day_one.md"
+"""Its commands are played whole, in their order, by test_day_one.py."""
+ALL: Final = list(
+    dict.fromkeys(" ".join(one.words) for page in PAGES if page != PLAYED for one in commands(page))
+)
 
 
 def row(table, text):

@@ -288,6 +288,15 @@ def test_a_refused_enable_is_repeated_and_its_reason_is_shown_once_until_time_is
     assert done.blocked is None
 
 
+@pytest.mark.parametrize("code", [RefusalCode.SIGN_NOT_PROVEN, RefusalCode.NOT_REFERENCED])
+def test_a_refusal_that_another_command_ends_is_not_waited_for(code):
+    refused = at(0.1, reply=reply(Refusal(code, HIP), "enable"))
+
+    state, _ = played(task(stages.ENABLED), at(), refused)
+
+    assert state.blocked.code is ReasonCode.REFUSED
+
+
 @pytest.mark.parametrize(
     ("refusal", "code"),
     [
