@@ -232,7 +232,8 @@ class ObserverTuning(Table, frozen=True):
     as wrong samples."""
     patient_noise_max_ratio: Annotated[float, Meta(ge=1, le=30)] = 1.0
     """How far the noise of the patient's effort may grow while innovations of one sign follow each
-    other; 1: not at all. Larger follows a working patient with less lag, and a larger sigma."""
+    other, and the effort go on at its rate; 1: neither. Larger follows a working patient with less
+    lag, and a larger sigma."""
     viscous_outside: bool = False
     """True: the viscous part of friction acts at once, outside of the time constant of (11)."""
     effort_delay_ms: Annotated[float, Meta(ge=0, le=30)] = 0.0
