@@ -204,7 +204,7 @@ class VirtualTrainer(Service):
         """Request a mode from any state; a final refusal is stored."""
         self.wait(self._is_received, TIMEOUT_S)
         if self._settled() == Mode.FAULT:
-            self.wait(lambda: self._done("reset"), TIMEOUT_S)
+            self.wait(lambda: self._done("reset") or self.mode != Mode.FAULT, TIMEOUT_S)
         now = self._settled()
         if now == mode:
             return
@@ -213,7 +213,8 @@ class VirtualTrainer(Service):
             return
         if now == Mode.READY:
             # After a reset the leg sinks into its springs; requests are refused while it moves.
-            self.wait(lambda: self._done("enable") or self.mode == Mode.FAULT, TIMEOUT_S)
+            # A request may be carried out although its answer is late: the mode tells.
+            self.wait(lambda: self._done("enable") or self._settled() != Mode.READY, TIMEOUT_S)
         if self.mode not in {mode, Mode.FAULT}:
             self._must("mode", **(HOLD if mode == Mode.HOLD else {**GAIT, **wanted}))
 
