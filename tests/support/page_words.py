@@ -17,8 +17,8 @@ FOREIGN = frozenset(
         "gateway hardware heartbeat json nan nmt off option passive pdos",
         "register restart ring server session software sto sync up",
         # of both languages, with the same meaning
-        "alarm amplitude installation minus motor name neutral patient pause person plan position robot",
-        "hz sensor signal start stopp test training tremor version",
+        "alarm amplitude installation motor name neutral patient pause person plan position robot",
+        "hz minus sensor signal start stopp test training tremor version",
     )
     for word in line.split()
 )
