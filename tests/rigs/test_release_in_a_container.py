@@ -38,11 +38,12 @@ def released(clone: Path) -> Path:
 @pytest.fixture(scope="module")
 def releases(tmp_path_factory):
     """Two releases of this commit, each from a clone of its own."""
-    made = []
+    made, source = [], PROJECT
     for name in ("first", "second"):
         clone = tmp_path_factory.mktemp("release") / name
-        subprocess.run(("git", "clone", "--quiet", PROJECT, clone), check=True)
+        subprocess.run(("git", "clone", "--quiet", source, clone), check=True)
         made.append(released(clone))
+        source = clone  # so that a commit meanwhile makes no difference
     return made
 
 
