@@ -44,14 +44,16 @@ stage() {
 }
 
 control() {
-    local python
+    local python kib
+    # Of files alone: what a directory takes depends on the names that it once had.
+    kib=$(find "$root" -type f -printf '%s\n' | awk '{ sum += $1 } END { print int((sum + 1023) / 1024) }')
     mkdir "$root/DEBIAN"
     for script in preinst postinst prerm postrm; do
         install -m 755 "$work/source/deb/$script" "$root/DEBIAN/$script"
     done
     python=$("$PYTHON" -c 'import sys; print("python3 (>= 3.{0}~), python3 (<< 3.{1}~)".format(sys.version_info[1], sys.version_info[1] + 1))')
     sed -e "s/@VERSION@/$version/; s/@ARCHITECTURE@/$architecture/; s/@PYTHON@/$python/" \
-        -e "s/@SIZE@/$(du -sk --apparent-size --exclude=DEBIAN "$root" | cut -f1)/" "$work/source/deb/control" > "$root/DEBIAN/control"
+        -e "s/@SIZE@/$kib/" "$work/source/deb/control" > "$root/DEBIAN/control"
     (cd "$root" && find etc -type f -printf '/%p\n' | sort > DEBIAN/conffiles)
     (cd "$root" && find usr opt -type f -print0 | sort -z | xargs -0 md5sum > DEBIAN/md5sums)
 }
