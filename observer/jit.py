@@ -17,7 +17,7 @@ gives inf instead of an exception; kernels guard their divisors.
 
 No kernel uses linear algebra of SciPy, which the service does not need. numba imports it before the
 first kernel runs where it is installed, which takes each process a quarter of a second: numba is
-told here that there is none.
+told here that there is none. So a kernel that needs it fails in every environment alike.
 """
 
 import atexit

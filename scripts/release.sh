@@ -36,7 +36,7 @@ export SOURCE_DATE_EPOCH
 
 for distribution in "${DISTRIBUTIONS[@]}"; do
     say "wheel and sdist of $distribution"
-    (cd "$work/source/$distribution" && "$python" -m hatchling build -d "$work/release" > /dev/null 2>&1)
+    (cd "$work/source/$distribution" && "$python" -m hatchling build -d "$work/release" > "$work/said" 2>&1) || { cat "$work/said"; exit 1; }
 done
 demonstration > "$work/release/demo.txt"
 make --no-print-directory sbom deb

@@ -167,12 +167,11 @@ def _enabled(scene: Scene) -> Move | None:
         return _repeated(scene, "enable")
     may_reset = RESET in scene.task.stages
     if scene.mode == Mode.FAULT:
-        if may_reset and _was_pressed(scene):
+        was_pressed = _was_pressed(scene)
+        if may_reset and was_pressed:
             said = Instruction(InstructionCode.STO_SEEN, service=scene.seen.service)
             return Move(RESET, (said,))
-        shown = scene.state.shown
-        has_asked = shown is not None and shown.code is InstructionCode.PRESS_STO
-        return failed(scene.because(ReasonCode.STO_ACTED if has_asked else ReasonCode.STOPPED))
+        return failed(scene.because(ReasonCode.STO_ACTED if was_pressed else ReasonCode.STOPPED))
     # Another client's request: to enable now would be outside this procedure.
     return _repeated(scene, "enable") if may_reset else failed(scene.without(Mode.READY))
 

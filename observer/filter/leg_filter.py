@@ -62,8 +62,7 @@ from observer.filter.leg_noise import (
     set_measurement_noise,
     set_process_noise,
 )
-from observer.filter.patient_rate import carry_on, fade, forget
-from observer.filter.patient_rate import follow as follow_rate
+from observer.filter.patient_rate import carry_rate, fade_rate, follow_rate, forget_rate
 from observer.filter.status import (
     GAP_MAX_S,
     GATED_MAX_IN_A_ROW,
@@ -412,7 +411,7 @@ def _predict(
         dt_s,
     )
     copy_estimate(m.mean, m.root, m.backup_mean, m.backup_root)
-    carry_on(m, 0.5 * dt_s)
+    carry_rate(m, 0.5 * dt_s)
     spread(m.mean, m.root, STEP, N, LANES, points)
     substeps = substeps_for(dt_s, int(options.substeps))
     step_s = dt_s / substeps
@@ -425,8 +424,8 @@ def _predict(
         else:
             outside += semi_implicit(model, effort_hip, effort_slide, step_s, points)
     compress(points, m.noise, STEP, N, LANES, m.mean, m.root, m.work)
-    carry_on(m, 0.5 * dt_s)
-    fade(m, dt_s)
+    carry_rate(m, 0.5 * dt_s)
+    fade_rate(m, dt_s)
     rate = math.fabs(m.mean[2]) + math.fabs(m.mean[3])
     for i in range(N):
         rate += 0.0 * m.mean[i]  # NaN if that element is not finite
@@ -522,7 +521,7 @@ def _reject(
     model: LegModel, m: LegMemory, picks: NDArray[np.int64], count: int, dt_s: float
 ) -> int:
     """Count the rejection, and decide between a push and an encoder error; return status bits."""
-    forget(m)
+    forget_rate(m)
     m.gated_cycles += 1.0
     if m.gated_cycles == 1.0:
         m.push[0] = m.push[1] = m.pushed[0] = m.pushed[1] = 0.0

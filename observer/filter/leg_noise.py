@@ -109,7 +109,7 @@ def set_process_noise(
         m.noise[row, row] = scale * process_std[row]
     for axis in range(2):
         most = 1.0 if ripple[axis] > 0.0 else patient_noise_max_ratio
-        if most == 1.0:
+        if most == 1.0 or not velocity_gated:
             m.patient_rate[axis] = 0.0
         m.patient_ratio[axis] = min(max(m.patient_ratio[axis], PATIENT_RATIO_MIN), most)
         leaning = min(max(math.fabs(m.lean[axis]) / LEAN_USUAL, 1.0), LEAN_RATIO_MAX)

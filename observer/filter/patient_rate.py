@@ -14,10 +14,9 @@ gain beside the filter's own:
   is smaller where the rate explains them.
 - It needs the evidence of a working patient that raises this noise. Without one it stays near zero,
   so that the estimate of a passive patient stays quiet. Where no evidence is believed it is zero.
-- It is zero while the joint has not certainly moved: at rest and at a reversal a change of the load
-  may be friction's.
-- It fades within RATE_FADES_S: an effort that rises now does not rise much longer. Without samples
-  it fades as well.
+- It is zero while the joint has not certainly moved: at rest, at a reversal and without samples a
+  change of the load may be friction's. Without `velocity_gated` this is not known, and it is zero.
+- It fades within RATE_FADES_S: an effort that rises now does not rise much longer.
 - A correction against it says that the effort has turned: most of the rate is dropped, so that the
   estimate hardly overshoots an effort that begins or ends at once.
 - A correction that no trend explains, because its innovation is large, counts less.
@@ -28,11 +27,13 @@ import math
 from typing import Final
 
 from observer.filter.leg_memory import LegMemory
+from observer.filter.leg_model import STEP_S
 from observer.jit import inline
 
 RATE_GAIN: Final = 0.13
 """With more, the estimate overshoots a patient who begins at once; with less, it lags."""
 RATE_FADES_S: Final = 0.1
+"""As long as a patient's effort rises in a gait; a longer one overshoots a tremor."""
 TURNED_SHARE: Final = 0.3
 """What is left of the rate after a correction against it."""
 EXPECTED_SIGMAS: Final = 1.5
@@ -40,14 +41,14 @@ EXPECTED_SIGMAS: Final = 1.5
 
 
 @inline
-def carry_on(m: LegMemory, dt_s: float) -> None:
+def carry_rate(m: LegMemory, dt_s: float) -> None:
     """Move the mean of each patient's effort along its rate."""
     m.mean[6] += m.patient_rate[0] * dt_s
     m.mean[7] += m.patient_rate[1] * dt_s
 
 
 @inline
-def fade(m: LegMemory, dt_s: float) -> None:
+def fade_rate(m: LegMemory, dt_s: float) -> None:
     """Let both rates fade over one step."""
     share = math.exp(-dt_s / RATE_FADES_S)
     m.patient_rate[0] *= share
@@ -55,16 +56,17 @@ def fade(m: LegMemory, dt_s: float) -> None:
 
 
 @inline
-def forget(m: LegMemory) -> None:
+def forget_rate(m: LegMemory) -> None:
     """Begin anew after a rejected sample."""
     m.patient_rate[0] = m.patient_rate[1] = 0.0
 
 
 @inline
-def follow(m: LegMemory, axis: int, correction: float, dt_s: float) -> None:
+def follow_rate(m: LegMemory, axis: int, correction: float, dt_s: float) -> None:
     """Take the rate from what a sample corrected of the patient's effort (N·m, N)."""
     if correction * m.patient_rate[axis] < 0.0:
         m.patient_rate[axis] *= TURNED_SHARE
     working = min(m.patient_ratio[axis], 1.0)
     usual = EXPECTED_SIGMAS / max(math.fabs(m.whitened[axis]), EXPECTED_SIGMAS)
-    m.patient_rate[axis] += RATE_GAIN * (working * usual) ** 2 * correction / dt_s
+    over_s = max(dt_s, STEP_S)  # two samples within a moment are no rate
+    m.patient_rate[axis] += RATE_GAIN * (working * usual) ** 2 * correction / over_s

@@ -17,7 +17,6 @@ from observer.filter.leg_memory import (
 )
 from observer.filter.leg_model import Integrator
 from observer.filter.leg_observer import LegObserver, TuningError, setup_of
-from observer.filter.patient_rate import RATE_FADES_S
 from observer.filter.status import Status, Validity
 from observer.mechanism.friction import static_friction_of
 from observer.offline import batch, smooth_batch
@@ -167,27 +166,37 @@ def rate_of(observer):
     return memory[0]["patient_rate"].copy()
 
 
-@pytest.mark.parametrize("gated", [True, False])
-def test_a_patients_rate_ends_without_samples_and_begins_anew_after_a_rejected_one(gated):
-    """With the gate a joint whose motion is not measured counts as at rest."""
+@pytest.fixture
+def working():
+    """An observer of a patient whose effort changes on both axes, and its last sample."""
     truth, _ = walking(0.35)
-    tuning = SHIPPED._replace(velocity_gated=gated)
-    observer, columns = LegObserver(PATIENT, HIP, SLIDE_FRICTION, tuning), encoded(truth)
-    samples = zip(columns.position, columns.effort, strict=True)
-    for position, effort in samples:
+    observer, columns = LegObserver(PATIENT, HIP, SLIDE_FRICTION, SHIPPED), encoded(truth)
+    for position, effort in zip(columns.position, columns.effort, strict=True):
         observer.step(position, effort, 0.01)
-        before = rate_of(observer)
-        if np.all(np.abs(before) > (3.0, 15.0)):
-            break
-    unmeasured, rejected = copy.deepcopy(observer), observer
+        if np.all(np.abs(rate_of(observer)) > (3.0, 15.0)):
+            return observer, position, effort
+    raise AssertionError("this patient's effort never changes")
+
+
+def test_a_patients_rate_is_nothing_without_samples_and_after_a_rejected_one(working):
+    """A joint whose motion is not measured counts as at rest."""
+    unmeasured, position, effort = working
+    rejected = copy.deepcopy(unmeasured)
 
     unmeasured.step((math.nan, math.nan), effort, 0.01)
     rejected.step(position + 0.05, effort, 0.01)
 
-    assert np.all(np.abs(before) > (3.0, 15.0))
-    kept = 0.0 if gated else math.exp(-0.01 / RATE_FADES_S)
-    assert rate_of(unmeasured) == pytest.approx(before * kept)
+    assert np.all(rate_of(unmeasured) == 0.0)
     assert np.all(rate_of(rejected) == 0.0)
+
+
+def test_two_samples_within_a_moment_are_no_rate(working):
+    observer, position, effort = working
+    before = rate_of(observer)
+
+    observer.step(np.add(position, (2e-4, 1e-4)), effort, 1e-6)
+
+    assert np.all(np.abs(rate_of(observer)) < np.add(np.abs(before), (5.0, 50.0)))
 
 
 def test_a_tremor_is_followed_and_the_estimate_stays_valid():

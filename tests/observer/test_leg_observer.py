@@ -365,7 +365,7 @@ def test_what_is_not_a_number_is_predicted_over_without_damage(bad, place):
 )
 @settings(derandomize=True, deadline=None, max_examples=100)
 def test_no_input_whatever_gives_a_number_that_is_none(samples):
-    one = resting(3)
+    one = resting(3, TUNING._replace(velocity_gated=True, patient_noise_max_ratio=20.0))
     for hip, slide, torque, force, dt_s in samples:
         estimate = one.step((hip, slide), (torque, force), dt_s)
         assert finite(estimate)

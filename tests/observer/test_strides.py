@@ -474,10 +474,7 @@ def test_a_patient_who_does_nothing_works_within_a_few_sigma_of_nothing():
 
 @pytest.mark.parametrize("patient", [pushing, None])
 def test_errors_over_many_runs_are_no_larger_than_sigma_says(patient):
-    """30 seeds: rms error is 0.1 to 0.8 of sigma, for the sum of both works up to 1.03.
-
-    The errors of a patient's work in both directions cancel in their sum, which may be exact.
-    """
+    """30 seeds: rms error is 0.1 to 0.8 of sigma, for the sum of both works up to 1.03."""
     of_sigma = []
     for seed in range(8):
         truth, found = walked(seed, patient)
@@ -496,7 +493,7 @@ def test_errors_over_many_runs_are_no_larger_than_sigma_says(patient):
 
     rms = np.sqrt(np.mean(by_axis**2, axis=0))
     assert np.all(rms <= 1.5)
-    assert np.all(rms[:, :2] >= 0.05)
+    assert np.all(rms >= 0.05)
 
 
 def in_clonus(t):
