@@ -54,7 +54,7 @@ BEFORE_STOP_COUNT: Final = 50
 AT_REST: Final = frozenset({Mode.OFF, Mode.BRINGING_UP, Mode.READY, Mode.FAULT})
 """Modes in which the service moves nothing and holds nothing."""
 PRESSED: Final = frozenset({Cause.STO_ACTIVE, Cause.DRIVE_FAULT, Cause.EMERGENCY})
-"""Causes of a stop that an emergency stop without power may leave."""
+"""Causes of a stop that an emergency stop may leave."""
 BY_REFUSAL: Final[Mapping[str, InstructionCode]] = {
     RefusalCode.HAND_SWITCH_OPEN: InstructionCode.HOLD_HAND_SWITCH,
     RefusalCode.STO_ACTIVE: InstructionCode.RELEASE_STO,
@@ -167,22 +167,27 @@ def _enabled(scene: Scene) -> Move | None:
         return _repeated(scene, "enable")
     may_reset = RESET in scene.task.stages
     if scene.mode == Mode.FAULT:
-        was_pressed = _was_pressed(scene)
-        if may_reset and was_pressed:
+        was_driving = any(record.mode not in AT_REST for record in _of_stage(scene))
+        if may_reset and _was_pressed(scene) and not was_driving:
             said = Instruction(InstructionCode.STO_SEEN, service=scene.seen.service)
             return Move(RESET, (said,))
-        return failed(scene.because(ReasonCode.STO_ACTED if was_pressed else ReasonCode.STOPPED))
+        shown = scene.state.shown
+        has_asked = shown is not None and shown.code is InstructionCode.PRESS_STO
+        is_answer = has_asked and _was_pressed(scene)
+        return failed(scene.because(ReasonCode.STO_ACTED if is_answer else ReasonCode.STOPPED))
     # Another client's request: to enable now would be outside this procedure.
     return _repeated(scene, "enable") if may_reset else failed(scene.without(Mode.READY))
 
 
+def _of_stage(scene: Scene) -> list[CycleRecord]:
+    return [one for one in scene.seen.records if one.seq >= scene.state.began_seq]
+
+
 def _was_pressed(scene: Scene) -> bool:
-    """True if the fault is that of an emergency stop that was pressed without power."""
-    records = [one for one in scene.seen.records if one.seq >= scene.state.began_seq]
-    was_driving = any(record.mode not in AT_REST for record in records)
-    was_open = any(not drive.sto_released for record in records for drive in record.drives)
+    """True if the fault is one that the emergency stop leaves, and it was open."""
+    was_open = any(not one.sto_released for record in _of_stage(scene) for one in record.drives)
     verdict = scene.seen.service.verdict
-    return was_open and not was_driving and verdict is not None and verdict.cause in PRESSED
+    return was_open and verdict is not None and verdict.cause in PRESSED
 
 
 def _steady(scene: Scene) -> Move | None:

@@ -311,19 +311,22 @@ def test_a_state_to_be_seen_asks_for_another_thing_than_the_refusal_of_its_name(
 
 
 @pytest.mark.parametrize(
-    ("sto_released", "cause", "code"),
+    ("asked", "sto_released", "cause", "code"),
     [
-        (False, Cause.DRIVE_FAULT, ReasonCode.STO_ACTED),
-        (True, Cause.DRIVE_FAULT, ReasonCode.STOPPED),
-        (False, Cause.BUS_DOWN, ReasonCode.STOPPED),
+        (PRESS, False, Cause.DRIVE_FAULT, ReasonCode.STO_ACTED),
+        (OPEN, False, Cause.DRIVE_FAULT, ReasonCode.STOPPED),
+        (PRESS, True, Cause.DRIVE_FAULT, ReasonCode.STOPPED),
+        (PRESS, False, Cause.BUS_DOWN, ReasonCode.STOPPED),
     ],
 )
-def test_an_emergency_stop_that_was_asked_for_is_told_from_another_fault(sto_released, cause, code):
+def test_an_emergency_stop_that_was_asked_for_is_told_from_another_fault(
+    asked, sto_released, cause, code
+):
     records = (record(5, sto_released=sto_released), record(6, Mode.FAULT))
     verdict = Verdict(StopCategory.S1, cause, HIP)
     fault = at(0.2, Mode.FAULT, verdict, records=records)
 
-    state, _ = played(task(stages.ENABLED), at(), at(0.1, reply=reply(PRESS)), fault)
+    state, _ = played(task(stages.ENABLED), at(), at(0.1, reply=reply(asked)), fault)
 
     assert state.blocked.code is code
 
