@@ -42,8 +42,10 @@ REMEMBERED: Final = 8
 MOST: Final = 6
 SPREAD_MAX_HZ: Final = 0.8
 """From the median frequency; about the width of a bin."""
+REMEMBERED_CYCLES: Final = 1000
+"""A window is forgotten after so long: where an axis rests in each stride, windows are rare."""
 KEPT_CYCLES: Final = 500
-"""A window is forgotten after so long."""
+"""Without a newer window nothing is said after so long."""
 
 _HANN: Final = tuple(0.5 - 0.5 * math.cos(2.0 * math.pi * n / WINDOW) for n in range(WINDOW))
 _COS: Final = tuple(
@@ -90,7 +92,9 @@ class AxisTremor:
         self._efforts.append(effort)
         if len(self._efforts) > WINDOW and cycle % HOP == self._offset:
             self._windows.append((cycle, oscillation(list(self._efforts), self._amplitude_min)))
-            self._newest = _common([one for at, one in self._windows if cycle - at <= KEPT_CYCLES])
+            self._newest = _common(
+                [one for at, one in self._windows if cycle - at <= REMEMBERED_CYCLES]
+            )
             self._of_stride.append(self._newest)
         is_old = not self._windows or cycle - self._windows[-1][0] > KEPT_CYCLES
         self.now = None if is_old else self._newest

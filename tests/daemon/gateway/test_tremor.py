@@ -8,6 +8,7 @@ from daemon.gateway.tremor import (
     AMPLITUDE_MIN,
     HOP,
     KEPT_CYCLES,
+    REMEMBERED_CYCLES,
     WINDOW,
     AxisTremor,
     LegTremor,
@@ -121,11 +122,24 @@ def test_windows_of_before_a_long_pause_do_not_count():
     axis = fed(efforts)
 
     axis.interrupt()
-    begin = len(efforts) + KEPT_CYCLES
+    begin = len(efforts) + REMEMBERED_CYCLES
     for cycle, effort in enumerate(efforts[: WINDOW + HOP].tolist(), begin):
         axis.add(cycle, effort)
 
     assert axis.now is None
+
+
+def test_a_tremor_is_known_where_an_axis_rests_in_each_stride():
+    efforts = wave(5.0, 2.6)[: WINDOW + 2 * HOP].tolist()
+    axis = fed(np.array([]))
+
+    for begin in (0, 250, 500, 750):
+        axis.interrupt()
+        for cycle, effort in enumerate(efforts, begin):
+            axis.add(cycle, effort)
+
+    assert axis.now is not None
+    assert axis.now.frequency_hz == pytest.approx(5.0, abs=0.2)
 
 
 def test_a_stride_has_the_mean_of_its_windows_if_most_of_them_have_it():
