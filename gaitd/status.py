@@ -7,7 +7,7 @@ from typing import Final
 import typer
 from gaitd_client import Cause, ClientError, wire
 from gaitd_names import ExitCode
-from gaitd_texts import Catalogue
+from gaitd_texts import HOLDING, Catalogue, situation_of
 
 from gaitd.command_line import JsonOption
 from gaitd.language import texts
@@ -45,7 +45,8 @@ def command(
 
 def lines(message: wire.Status, texts: Catalogue) -> Iterator[str]:
     """Format the screen, line by line."""
-    yield from safety_lines(message.safety, texts)
+    are_holding = all(drive.fresh and drive.power_state in HOLDING for drive in message.drives)
+    yield from safety_lines(message.safety, texts, are_holding=are_holding)
     for drive in message.drives:
         yield _line(texts.subject(drive.name), ", ".join(_drive_words(drive, texts)))
     for leg in message.legs:
@@ -83,8 +84,10 @@ def _drive_words(drive: wire.DriveState, texts: Catalogue) -> Iterator[str]:
         yield texts.text("status.emcy", emcy_code=drive.emergency_code, said=drive.emergency_text)
 
 
-def safety_lines(safety: wire.Safety, texts: Catalogue) -> Iterator[str]:
-    """Format mode, lease and stop, line by line."""
+def safety_lines(
+    safety: wire.Safety, texts: Catalogue, *, are_holding: bool = False
+) -> Iterator[str]:
+    """Format mode, lease and stop, line by line; `are_holding`: every drive can hold the leg."""
     progress = texts.progress(safety.progress)
     label = texts.text("status.mode")
     if not safety.valid or safety.verdict is None:
@@ -100,7 +103,9 @@ def safety_lines(safety: wire.Safety, texts: Catalogue) -> Iterator[str]:
     if verdict.cause != Cause.NONE:
         category = texts.text("status.stop", category=verdict.category)
         yield _line(category, texts.verdict(verdict))
-        yield _line(texts.text("status.remedy"), complete(texts.remedy(verdict.cause)))
+        situation = situation_of(verdict.cause, are_holding=are_holding)
+        remedy = complete(texts.remedy(verdict.cause, situation=situation))
+        yield _line(texts.text("status.remedy"), remedy)
 
 
 def _number(value: float | None, unit: str, digits: int) -> str:

@@ -10,7 +10,7 @@ from functools import partial
 from typing import Final
 
 from gaitd_client import Cause, Mode, Outcome, Reply, StopCategory
-from gaitd_names import RefusalCode, Untested
+from gaitd_names import EventCode, RefusalCode, Untested
 
 from analysis.acceptance.record import FindingCode, Judgement, Reason, ReasonCode
 from daemon.ipc.record import CycleRecord
@@ -185,7 +185,9 @@ def _of_stage(scene: Scene) -> list[CycleRecord]:
 
 def _was_pressed(scene: Scene) -> bool:
     """True if the fault is one that the emergency stop leaves, and it was open."""
-    was_open = any(not one.sto_released for record in _of_stage(scene) for one in record.drives)
+    drives = [drive for record in _of_stage(scene) for drive in record.drives]
+    has_said = any(one.code == EventCode.STO_ACTIVATED for one in scene.state.reports)
+    was_open = has_said or not all(drive.sto_released for drive in drives)
     verdict = scene.seen.service.verdict
     return was_open and verdict is not None and verdict.cause in PRESSED
 

@@ -7,7 +7,16 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 from gaitd_client import NoAnswerError, wire
-from gaitd_names import Cause, ExitCode, Finding, Mode, RefusalCode, StopCategory, Untested
+from gaitd_names import (
+    Cause,
+    EventCode,
+    ExitCode,
+    Finding,
+    Mode,
+    RefusalCode,
+    StopCategory,
+    Untested,
+)
 from gaitd_texts import Reader, catalogue
 from typer.testing import CliRunner
 
@@ -32,10 +41,10 @@ NO_PLAN = wire.Refusal(code="no_plan", subject=None, values={}, said="")
 
 
 class Service:
-    """In one mode after the other, the next one behind each refused request."""
+    """In one mode after the other, the next one behind each refused request, with its event."""
 
-    def __init__(self, *modes, refusal=NO_PLAN):
-        self.modes, self.refusal = list(modes), refusal
+    def __init__(self, *modes, refusal=NO_PLAN, event=None):
+        self.modes, self.refusal, self.event = list(modes), refusal, event
         self.asked = []
 
     def __enter__(self):
@@ -57,7 +66,9 @@ class Service:
         mode = self.modes[0]
         verdict = STOP if mode == Mode.FAULT else Verdict()
         safety = translate.safety(record(mode, verdict), None, Stamp(), 1)
-        return wire.Status(**self.head(), version="1", safety=safety, drives=(), legs=(), events=())
+        new = () if self.event is None or not self.asked else (self.event,)
+        known = {"drives": (), "legs": (), "events": new}
+        return wire.Status(**self.head(), version="1", safety=safety, **known)
 
     def head(self):
         return translate.head(Stamp(), 1)
@@ -111,14 +122,17 @@ def test_a_latched_stop_is_shown_with_its_remedy_and_not_reset(run, modes):
     assert AGAIN not in result.stdout
 
 
-def test_the_fault_of_an_emergency_stop_that_was_asked_for_says_how_to_go_on(run):
+@pytest.mark.parametrize("code", [EventCode.STO_ACTIVATED, EventCode.STO_RELEASED])
+def test_the_fault_of_an_emergency_stop_that_was_asked_for_says_how_to_go_on(run, code):
     untested = Refusal(RefusalCode.INPUT_UNTESTED, "right/hip", (Untested.STO_ACTIVE,))
-    service = Service(Mode.READY, Mode.FAULT, refusal=refusal_message(untested))
+    event = SimpleNamespace(id="1", code=code, subject="right/hip", values={}, said="")
+    refusal = refusal_message(untested)
+    service = Service(Mode.READY, Mode.FAULT, refusal=refusal, event=event)
 
     result = run(service, "self-test")
 
     assert (result.exit_code, service.asked) == (ExitCode.FAILED, ["enable"])
-    assert AGAIN in result.stdout
+    assert (AGAIN in result.stdout) is (code is EventCode.STO_ACTIVATED)
 
 
 @pytest.mark.parametrize("modes", [(Mode.GAIT, Mode.READY), (Mode.READY, Mode.OFF, Mode.READY)])

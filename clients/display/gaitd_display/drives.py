@@ -1,14 +1,11 @@
 """What the drives say together about the leg. One that is silent, or stale, says nothing."""
 
 from collections.abc import Collection
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from gaitd_client import DriveState, NotValid
 from gaitd_session.session import WITHOUT_POWER
-from gaitd_texts import Situation, stop_of
-
-HOLDING: Final = frozenset({"operation_enabled", "quick_stop_active"})
-"""CiA 402 power states in which a drive can hold a leg."""
+from gaitd_texts import HOLDING
 
 
 class Drives(NamedTuple):
@@ -31,10 +28,3 @@ def together(messages: Collection[DriveState | NotValid]) -> Drives:
         not are_all_heard or any(drive.power_state not in WITHOUT_POWER for drive in heard),
         are_all_heard and all(drive.hand_switch_closed is True for drive in heard),
     )
-
-
-def situation_of(cause: str, drives: Drives) -> Situation:
-    """Return the state of the leg after a stop: it is held only where every drive can hold it."""
-    situation = stop_of(cause).situation
-    is_loose = situation is Situation.HELD and not drives.are_holding
-    return Situation.LOOSE if is_loose else situation

@@ -18,9 +18,10 @@ from gaitd_client import (
     Stride,
 )
 from gaitd_session import Advice, Band, Phase, Step
+from gaitd_texts import situation_of
 
 from gaitd_display.alarm import Alarm, cause_of
-from gaitd_display.drives import situation_of, together
+from gaitd_display.drives import together
 from gaitd_display.geometry import Geometry, geometry_of
 from gaitd_display.scenes import REFUSALS, Now, Scene, scene_of
 from gaitd_display.settings import PatientSettings
@@ -221,7 +222,7 @@ class PatientState:
             word,
             mode,
             cause,
-            None if cause is None else situation_of(cause, self._together),
+            None if cause is None else situation_of(cause, are_holding=self._together.are_holding),
             step,
             unstrap,
             self._together.is_switch_held,

@@ -21,11 +21,11 @@ from gaitd_client import (
 )
 from gaitd_client.wire import AxisEstimate
 from gaitd_names import Kind, StatusBit
-from gaitd_texts import Situation, key_of, stop_of
+from gaitd_texts import Situation, key_of, situation_of, stop_of
 
 from gaitd_display.alarm import Alarm, cause_of
 from gaitd_display.controls import Control, Requestable, controls
-from gaitd_display.drives import Drives, situation_of, together
+from gaitd_display.drives import Drives, together
 from gaitd_display.engineer_view import DriveView, drive_view
 from gaitd_display.geometry import Geometry, geometry_of
 from gaitd_display.plan_ranges import Range, plan_ranges
@@ -329,7 +329,7 @@ def stop_view(safety: Safety | None, drives: Drives) -> StopView | None:
     verdict = safety.verdict if safety else None
     if verdict is None or cause_of(safety) == Cause.NONE:
         return None
-    situation = situation_of(verdict.cause, drives)
+    situation = situation_of(verdict.cause, are_holding=drives.are_holding)
     key, drive = key_of(verdict.cause), verdict.drive
     return StopView(
         spoken(lambda texts: texts.text(f"stopped.{key}", cause=verdict.cause)),

@@ -14,11 +14,22 @@ from gaitd_texts.catalogue import (
     language_of,
     texts_of,
 )
-from gaitd_texts.stops import STOPS, Again, GoOn, Situation, Stop, key_of, stop_of
+from gaitd_texts.stops import (
+    HOLDING,
+    STOPS,
+    Again,
+    GoOn,
+    Situation,
+    Stop,
+    key_of,
+    situation_of,
+    stop_of,
+)
 
 __all__ = [
     "CAUTIOUS",
     "COMMANDS",
+    "HOLDING",
     "LANGUAGES",
     "STOPS",
     "Again",
@@ -30,6 +41,7 @@ __all__ = [
     "catalogue",
     "key_of",
     "language_of",
+    "situation_of",
     "stop_of",
     "texts_of",
 ]

@@ -23,7 +23,7 @@ import msgspec
 from gaitd_names import NMT_STATES, POWER_STATES, Cause
 from gaitd_names.joints import JOINTS
 
-from gaitd_texts.stops import GoOn, key_of, stop_of
+from gaitd_texts.stops import GoOn, Situation, key_of, stop_of
 
 LANGUAGES: Final = ("en", "de")
 """Languages of every text: English and German."""
@@ -252,19 +252,25 @@ class Catalogue:
         text = " ".join(part for part in parts if part) + (f": {found}" if found else "")
         return f"{about}: {text}" if about else text
 
-    def remedy(self, cause: str, buttons: Mapping[str, str] = COMMANDS) -> str:
+    def remedy(
+        self,
+        cause: str,
+        buttons: Mapping[str, str] = COMMANDS,
+        situation: Situation | None = None,
+    ) -> str:
         """Return what a person can do after a stop, in the order of doing; empty without a stop.
 
         Args:
             cause: of the stop.
             buttons: what to press for `reset`, `enable` and `hand_guiding`.
+            situation: of the leg now; None: that of the cause.
         """
         if cause == Cause.NONE:
             return ""
         stop = stop_of(cause)
         return " ".join(
             (
-                self.text(f"first.{stop.situation}"),
+                self.text(f"first.{situation or stop.situation}"),
                 self.then(cause, buttons),
                 self.text("label.if_again"),
                 self.text(f"again.{stop.again}"),

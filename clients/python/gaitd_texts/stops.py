@@ -75,8 +75,8 @@ STOPS: Final[Mapping[str, Stop]] = {
     Cause.HEARTBEAT_LOST: Stop(Situation.DANGER, step_of=Cause.DRIVE_SILENT),
     Cause.DRIVE_REBOOTED: Stop(Situation.DANGER),
     Cause.DRIVE_NOT_OPERATIONAL: Stop(Situation.DANGER),
-    Cause.DRIVE_FAULT: Stop(Situation.HELD),
-    Cause.EMERGENCY: Stop(Situation.HELD, step_of=Cause.DRIVE_FAULT),
+    Cause.DRIVE_FAULT: Stop(Situation.LOOSE),
+    Cause.EMERGENCY: Stop(Situation.LOOSE, step_of=Cause.DRIVE_FAULT),
     Cause.DRIVE_LEFT_ENABLED: Stop(Situation.LOOSE),
     Cause.MODE_NOT_SHOWN: Stop(Situation.HELD),
     Cause.NOT_FOLLOWING: Stop(Situation.HELD),
@@ -110,6 +110,8 @@ STOPS: Final[Mapping[str, Stop]] = {
 }
 """What follows from each cause of a stop: every cause but NONE."""
 
+HOLDING: Final = frozenset({"operation_enabled", "quick_stop_active"})
+"""CiA 402 power states in which a drive can hold a leg."""
 UNKNOWN: Final = "unknown"
 """Key of the texts of a cause of a later version."""
 UNKNOWN_STOP: Final = Stop(Situation.DANGER, GoOn.ONLY, step_of=Cause.OBSERVER_INVALID)
@@ -119,6 +121,13 @@ UNKNOWN_STOP: Final = Stop(Situation.DANGER, GoOn.ONLY, step_of=Cause.OBSERVER_I
 def stop_of(cause: str) -> Stop:
     """Return what is known of a cause, also of one that this version does not know."""
     return STOPS.get(cause, UNKNOWN_STOP)
+
+
+def situation_of(cause: str, *, are_holding: bool) -> Situation:
+    """Return the state of the leg after a stop: it is held only where every drive can hold it."""
+    situation = stop_of(cause).situation
+    is_loose = situation is Situation.HELD and not are_holding
+    return Situation.LOOSE if is_loose else situation
 
 
 def key_of(cause: str) -> str:

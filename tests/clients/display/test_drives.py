@@ -3,8 +3,8 @@
 import display_bench as bench
 import pytest
 from gaitd_client import Cause, DriveState, NotValid, Trouble
-from gaitd_display.drives import Drives, situation_of, together
-from gaitd_texts import Situation
+from gaitd_display.drives import Drives, together
+from gaitd_texts import Situation, situation_of
 
 NOTHING = Drives(are_holding=False, may_have_power=True, is_switch_held=False)
 HELD = Drives(are_holding=True, may_have_power=True, is_switch_held=True)
@@ -38,6 +38,6 @@ def test_each_row(messages, wanted):
 
 
 def test_a_leg_that_a_stop_would_hold_is_called_loose_unless_each_drive_says_that_it_holds():
-    assert situation_of(Cause.SPASM, HELD) is Situation.HELD
-    assert situation_of(Cause.SPASM, NOTHING) is Situation.LOOSE
-    assert situation_of("of a later version", NOTHING) is Situation.DANGER
+    assert situation_of(Cause.SPASM, are_holding=True) is Situation.HELD
+    assert situation_of(Cause.SPASM, are_holding=False) is Situation.LOOSE
+    assert situation_of("of a later version", are_holding=False) is Situation.DANGER
