@@ -1,7 +1,7 @@
 """What a study returns, and the one writer of it: tables of measured quantities, and pictures."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Sized
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -63,6 +63,11 @@ class Table(NamedTuple):
     def texts(self) -> tuple[str, tuple[str, ...], tuple[tuple[str, ...], ...]]:
         """Return title, head and rows with each cell as text."""
         return self.title, self.head, tuple(tuple(map(_text, row)) for row in self.rows)
+
+
+def of_leg(leg: str, legs: Sized) -> str:
+    """Words that a title adds for a leg: none on a machine with one leg."""
+    return f", {leg} leg" if len(legs) > 1 else ""
 
 
 class Report(NamedTuple):
