@@ -133,7 +133,7 @@ CLAIMS: Final = (
 )
 
 
-def claims_table(draws: Sequence[Sequence[Row]], scales: Scales, words: str) -> Table:
+def claims_table(draws: Sequence[Sequence[Row]], scales: Scales, words: str = "") -> Table:
     """Return all criteria of all claims, and in how many seeds each is seen.
 
     Args:
