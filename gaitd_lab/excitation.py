@@ -51,13 +51,13 @@ class Played(NamedTuple):
     """Result of a scenario."""
 
     runs: dict[str, Run]
-    """Of each leg, by its name, in the order of the trainer file."""
+    """What each leg did, by its name, in the order of the trainer file."""
     trouble: str
     """Reason of an early end; empty if there was none."""
 
     @property
     def run(self) -> Run:
-        """Of the first leg."""
+        """What the first leg did."""
         return next(iter(self.runs.values()))
 
 

@@ -37,7 +37,7 @@ class Sample(NamedTuple):
 
     time_ns: int
     position: tuple[float, ...]
-    """Of each axis: rad, m."""
+    """Angle or position of each axis: rad, m."""
     velocity: tuple[float, ...]
     states: tuple[PowerState, ...]
 

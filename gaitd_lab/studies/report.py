@@ -109,7 +109,7 @@ def write(report: Report, folder: Path, run: str) -> list[Path]:
     ]
     if pictures:
         names = ", ".join(f"`{picture.name}`" for picture in pictures)
-        parts.append(f"Pictures beside this page, drawn by the same command: {names}.")
+        parts.append(f"The same command draws {names}.")
     for title, head, rows in (table.texts() for table in report.tables):
         parts += [f"### {title}", markdown.table(head, rows)]
     page = folder / f"{report.name}.md"
