@@ -21,7 +21,13 @@ project = "gaitd"
 author = copyright = "the authors of gaitd, Apache-2.0"
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 root_doc = "docs/index"
-include_patterns = ["*.md", "docs/*.md", "docs/evidence/*.md", "clients/*/README.md"]
+include_patterns = [
+    "*.md",
+    "docs/*.md",
+    "docs/evidence/*.md",
+    "docs/evidence/two_legs/*.md",
+    "clients/*/README.md",
+]
 nitpicky = True
 # Types of signatures: those of other packages have no page.
 nitpick_ignore_regex = [("py:.*", ".*")]

@@ -50,9 +50,15 @@ STATES: Final = ("position", "velocity", "friction", "patient")
 class Played(NamedTuple):
     """Result of a scenario."""
 
-    run: Run
+    runs: dict[str, Run]
+    """What each leg did, by its name, in the order of the trainer file."""
     trouble: str
     """Reason of an early end; empty if there was none."""
+
+    @property
+    def run(self) -> Run:
+        """What the first leg did."""
+        return next(iter(self.runs.values()))
 
 
 class NotPlayedError(Exception):
@@ -143,12 +149,9 @@ class EmptyMachine:
         Raises:
             NotPlayedError: the service refused it, or stopped before.
         """
-        truth = TruthLog(None)
+        truths = {leg.name: TruthLog(None) for leg in self.settings.legs}
         machine = virtual_machine(
-            self.settings.file,
-            plant=self._plant,
-            robot=self._robot,
-            truth={self.settings.legs[0].name: truth},
+            self.settings.file, plant=self._plant, robot=self._robot, truth=truths
         )
         session = LockstepSession(self.settings, machine, gateway=Gateway(on_record))
         try:
@@ -162,26 +165,39 @@ class EmptyMachine:
             session.run(TURN_S)
             progress(min((len(session.records) - begun) * STEP_S, seconds))
         count = round(seconds / STEP_S)
-        run = _run(session.records[begun:], truth.rows, count)
-        return Played(run, "" if len(run.time_s) == count else _why(session, run))
+        records = session.records[begun:]
+        runs = {
+            leg: _run(records, place, truth.rows, count)
+            for place, (leg, truth) in enumerate(truths.items())
+        }
+        played = Played(runs, "")
+        if len(played.run.time_s) == count:
+            return played
+        return played._replace(trouble=_why(session, played.run))
 
     def delays(
-        self, run: Run, begin: Callable[[str, float], Callable[[float], None]]
-    ) -> tuple[Delay, Delay] | str:
-        """Measure the delays in the delay scenario, or in `run` if there is none; else why not.
+        self, played: Played, begin: Callable[[str, float], Callable[[float], None]]
+    ) -> dict[str, tuple[Delay, Delay] | str]:
+        """Measure the delays of each leg in the delay scenario, or in another; else why not.
 
         Args:
-            run: of another scenario.
+            played: another scenario, for a trainer file without one for the delay.
             begin: receives title and seconds of the scenario, and returns a callback for progress.
         """
+        if DELAY in self.settings.trainer.excite:
+            seconds = self.longest_s(DELAY)
+            progress = begin("quick efforts, for the delay", seconds)
+            try:
+                played = self.play(DELAY, seconds, progress)
+            except NotPlayedError as error:
+                return dict.fromkeys(played.runs, str(error))
+        return {leg: self._delay(run) for leg, run in played.runs.items()}
+
+    def _delay(self, run: Run) -> tuple[Delay, Delay] | str:
+        recording = Recording("the scenario", run.time_s, run.measured, run.exerted)
         try:
-            if DELAY in self.settings.trainer.excite:
-                seconds = self.longest_s(DELAY)
-                progress = begin("quick efforts, for the delay", seconds)
-                run = self.play(DELAY, seconds, progress).run
-            recording = Recording("the scenario", run.time_s, run.measured, run.exerted)
             return measure(recording, self.settings.robot)
-        except (NotPlayedError, RecordingError) as error:
+        except RecordingError as error:
             return str(error)
 
 
@@ -189,11 +205,11 @@ def _playing(record: CycleRecord) -> bool:
     return record.mode == Mode.EXCITE and record.stage is Stage.PLAYING
 
 
-def _run(records: list[CycleRecord], truth: list[TruthRow], count: int) -> Run:
-    """Return the first `count` cycles of the scenario, each with the truth of its SYNC."""
+def _run(records: list[CycleRecord], place: int, truth: list[TruthRow], count: int) -> Run:
+    """Return the first `count` cycles of the scenario of a leg, each with the truth of its SYNC."""
     rows = {row.sync_mono_ns: row for row in truth}
     played = [one for one in records if _playing(one) and one.sync_mono_ns in rows][:count]
-    legs = [record.legs[0] for record in played]
+    legs = [record.legs[place] for record in played]
     true = [rows[record.sync_mono_ns] for record in played]
     artificial = of_axes(legs, "artificial")
     first_ns = played[0].sync_mono_ns if played else 0

@@ -54,14 +54,16 @@ Model = Callable[[Gait], np.ndarray]
 class Patient:
     """Calls a model with each cycle of a gait; at all other times the patient is passive."""
 
-    def __init__(self, robot: Robot, model: Model, seed: int) -> None:
+    def __init__(self, robot: Robot, model: Model, seed: int, place: int = 0) -> None:
         """Begin at rest.
 
         Args:
             robot: the machine that the patient knows.
             model: effort in gait.
             seed: of what varies in the effort.
+            place: of the leg in a record.
         """
+        self._place = place
         self._leg, self._frictions = leg_parameters(robot), friction_parameters(robot)
         self._model = model
         self._noise = np.random.default_rng(seed)
@@ -76,7 +78,7 @@ class Patient:
 
     def __call__(self, record: CycleRecord) -> Effort:
         """Effort until the next record."""
-        leg = record.legs[0]
+        leg = record.legs[self._place]
         if leg.gait_phase < 0:
             self._poses = []
             return 0.0, 0.0

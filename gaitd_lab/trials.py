@@ -8,7 +8,7 @@ the same configuration give the same bits. Nothing is written to a disk.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from operator import attrgetter
 from pathlib import Path
@@ -115,6 +115,11 @@ class Trials:
         return self._robot
 
     @property
+    def legs(self) -> tuple[str, ...]:
+        """Names of the legs, in the order of the trainer file."""
+        return tuple(leg.name for leg in self._settings.legs)
+
+    @property
     def start_pose(self) -> tuple[float, float]:
         """Pose of the plant at power-on: rad, m."""
         start = self._plant.start
@@ -123,7 +128,15 @@ class Trials:
     def gait(
         self, situation: Situation, duration_s: float, progress: Progress | None = None
     ) -> Trial:
+        """Record gait of the first leg; see `gait_of_legs`."""
+        return next(iter(self.gait_of_legs(situation, duration_s, progress).values()))
+
+    def gait_of_legs(
+        self, situation: Situation, duration_s: float, progress: Progress | None = None
+    ) -> dict[str, Trial]:
         """Record gait: enable, approach, gait, for a time from its first stride on.
+
+        Returns: the trial of each leg, by its name, in the order of the trainer file.
 
         Raises:
             TrialError: the service refused it. A service that stops later shortens the trial.
@@ -131,7 +144,7 @@ class Trials:
         run = self._run(situation.name, self._robot, situation)
         begun = run.begin(lambda session: session.walk(cadence_hz=situation.cadence_hz))
         run.on(duration_s, Mode.GAIT, progress)
-        return run.trial(begun, while_moving=True)
+        return {leg: run.trial(begun, leg, while_moving=True) for leg in self.legs}
 
     def excite(self, scenario: str, duration_s: float, progress: Progress | None = None) -> Trial:
         """Record the empty machine moved by torque; its artificial disturbance counts as patient.
@@ -143,7 +156,7 @@ class Trials:
         run = self._run(f"scenario {scenario}, empty", self._empty(), Situation())
         begun = run.begin(lambda session: session.excite(scenario, duration_s))
         run.on(duration_s, Mode.EXCITE, progress)
-        return run.trial(begun, while_moving=True)
+        return run.trial(begun, self.legs[0], while_moving=True)
 
     def rest(self, duration_s: float, progress: Progress | None = None) -> Trial:
         """Record a rest: enabled, holding the pose, a passive patient.
@@ -154,7 +167,8 @@ class Trials:
         run = self._run("at rest", self._robot, Situation())
         begun = run.begin(lambda session: session.enable().until(Mode.HOLD))
         run.on(duration_s, Mode.HOLD, progress)
-        return run.trial(begun + round(REST_BEGINS_S / run.period_s), while_moving=False)
+        first = begun + round(REST_BEGINS_S / run.period_s)
+        return run.trial(first, self.legs[0], while_moving=False)
 
     def _run(self, name: str, robot: Robot, situation: Situation) -> "_Run":
         settings = replace(self._settings, robot=robot)
@@ -166,15 +180,15 @@ class Trials:
             patient=patient,
             transmission=situation.transmission,
         )
-        truth = TruthLog(None)
+        truths = {leg: TruthLog(None) for leg in self.legs}
         machine = virtual_machine(
             settings.file,
             plant=plant,
             robot=robot,
             seed=situation.seed,
-            truth={settings.legs[0].name: truth},
+            truth=truths,
         )
-        return _Run(name, LockstepSession(settings, machine), truth)
+        return _Run(name, LockstepSession(settings, machine), truths)
 
     def _empty(self) -> Robot:
         path = beside(self._config, self._settings.trainer.robot).with_name(EMPTY)
@@ -221,8 +235,8 @@ def _limits_for(limits: Limits, robot: Robot) -> Limits:
 class _Run:
     """A trial that is being recorded."""
 
-    def __init__(self, name: str, session: LockstepSession, truth: TruthLog) -> None:
-        self._name, self._session, self._truth = name, session, truth
+    def __init__(self, name: str, session: LockstepSession, truths: Mapping[str, TruthLog]) -> None:
+        self._name, self._session, self._truths = name, session, truths
         self.period_s: Final = 1e-3 * session.settings.trainer.cycle.period_ms
 
     def begin(self, begin: Callable[[LockstepSession], object]) -> int:
@@ -243,15 +257,17 @@ class _Run:
             if progress is not None:
                 progress((turn + 1) / turns)
 
-    def trial(self, begun: int, *, while_moving: bool) -> Trial:
-        """Return all rows with a known truth; those since `begun` are evaluated."""
-        rows = {row.sync_mono_ns: row for row in self._truth.rows}
+    def trial(self, begun: int, leg: str, *, while_moving: bool) -> Trial:
+        """Return all rows with a known truth of a leg; those since `begun` are evaluated."""
+        rows = {row.sync_mono_ns: row for row in self._truths[leg].rows}
+        place = list(self._truths).index(leg)
         paired = [
             (index, record, rows[record.sync_mono_ns])
             for index, record in enumerate(self._session.records)
             if record.legs and record.sync_mono_ns in rows
         ]
-        recording, truth = _columns(self._name, [(record, row) for _, record, row in paired])
+        pairs = [(record, row) for _, record, row in paired]
+        recording, truth = _columns(self._name, pairs, place)
         judged = np.array([index >= begun for index, _, _ in paired])
         if while_moving:
             judged &= _from_first_to_last(judged & (np.abs(truth[:, 2]) > MOTION_HIP_RAD_PER_S))
@@ -270,9 +286,12 @@ def of_axes(legs: Sequence[LegRecord], field: str) -> NDArray[Any]:
     return np.array(pairs).reshape(-1, 2)
 
 
-def _columns(name: str, pairs: list[tuple[CycleRecord, TruthRow]]) -> tuple[Recording, Values]:
+def _columns(
+    name: str, pairs: list[tuple[CycleRecord, TruthRow]], place: int
+) -> tuple[Recording, Values]:
+    """Recording and truth of the leg at a place of the records."""
     first_ns = pairs[0][0].sync_mono_ns
-    legs = [record.legs[0] for record, _ in pairs]
+    legs = [record.legs[place] for record, _ in pairs]
     recording = Recording(
         name,
         np.array([(record.sync_mono_ns - first_ns) * 1e-9 for record, _ in pairs]),

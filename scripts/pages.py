@@ -76,6 +76,27 @@ LONG: Final = {
     "evidence/strides.md": Made(
         "gaitd strides --output docs/evidence", ("gaitd_lab.commands.strides",)
     ),
+    "evidence/two_legs/experiment.md": Made(
+        "gaitd experiment --seeds 1 --config configs/two_legs.toml --output docs/evidence/two_legs",
+        ("gaitd_lab.commands.experiment",),
+    ),
+    "evidence/two_legs/fault_matrix_cells.md": Made(
+        "gaitd matrix --fault silent --fault unplugged --fault emcy_2xxx_fault --fault hand_switch"
+        " --fault sto --fault encoder_jump --fault limit_switch --fault our_bus_off"
+        " --mode gait_impedance --mode hold --config configs/two_legs.toml"
+        " --output docs/evidence/two_legs",
+        ("gaitd_lab.commands.matrix",),
+    ),
+    "evidence/two_legs/patients.md": Made(
+        "gaitd patients --seeds 1 --seconds 20 --patient half --patient all --patient 1.4"
+        " --patient spasm --cadence 0.35 --config configs/two_legs.toml"
+        " --output docs/evidence/two_legs",
+        ("gaitd_lab.commands.patients",),
+    ),
+    "evidence/two_legs/strides.md": Made(
+        "gaitd strides --seeds 1 --config configs/two_legs.toml --output docs/evidence/two_legs",
+        ("gaitd_lab.commands.strides",),
+    ),
     "evidence/fault_matrix.md": Made(
         "gaitd matrix --output docs/evidence", ("gaitd_lab.commands.matrix",)
     ),

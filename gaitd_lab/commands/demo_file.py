@@ -13,6 +13,11 @@ DemoFile = Annotated[
 ]
 
 
+def words_of(config: Path | None) -> str:
+    """Return what a command that is repeated has of this option."""
+    return "" if config is None else f" --config {config}"
+
+
 def demo_file(config: Path | None) -> Path:
     """Return the trainer file of the command line, by default the demonstration's."""
     return config or configs_folder("--config", "demo.toml") / "demo.toml"

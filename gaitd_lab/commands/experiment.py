@@ -14,7 +14,7 @@ from gaitd.command_line import (
     json_on_stdout,
 )
 from gaitd.terminal import progress, show
-from gaitd_lab.commands.demo_file import DemoFile, demo_file
+from gaitd_lab.commands.demo_file import DemoFile, demo_file, words_of
 
 SHORTEST_S: Final = 1.0
 SEEDS: Final = 10
@@ -69,7 +69,8 @@ def command(
         raise ConfigError(COMMAND_LINE, "--seconds", seconds, f"at most {longest_s:g}")
     laws = list(PLANTS) if every_law else [first.law]
     chosen = " --every-law" if every_law else f" --law {first.law.value}"
-    run = f"gaitd experiment --seeds {seeds}{chosen}{f' --seconds {seconds:g}' if seconds else ''}"
+    lasting = f" --seconds {seconds:g}" if seconds else ""
+    run = f"gaitd experiment --seeds {seeds}{chosen}{lasting}{words_of(config)}"
     with (
         errors_in_one_line(NotPlayedError, TrialError, code=ExitCode.FAILED),
         json_on_stdout(as_json) as tell,

@@ -11,12 +11,15 @@ from gaitd_names import ExitCode
 from gaitd.command_line import JsonOption, full_name, json_text
 from gaitd.completion import axes
 from gaitd.terminal import progress, show
-from gaitd_lab.commands.demo_file import DemoFile, demo_file
+from gaitd_lab.commands.demo_file import DemoFile, demo_file, words_of
 
 if TYPE_CHECKING:
     from gaitd_lab.fault_matrix.cell import Cell, CellResult
+    from gaitd_lab.studies.report import Table
 
 JOBS_MAX = 2
+CELLS = "fault_matrix_cells"
+"""Name of a page of some cells."""
 
 
 def command(
@@ -26,37 +29,49 @@ def command(
     ] = None,
     mode: Annotated[list[str] | None, typer.Option(help="only this column; more than once")] = None,
     axis: Annotated[
-        str, typer.Option(help="only this axis: right/hip or right/slide", autocompletion=axes)
+        str, typer.Option(help="only this axis, for example right/hip", autocompletion=axes)
     ] = "",
     seed: Annotated[int, typer.Option(min=0, help="of all that is random")] = 1,
     output: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="write the page there", file_okay=False),
+        typer.Option(
+            metavar="DIR",
+            help="write the page there; of some cells, or of two legs, a list of them",
+            file_okay=False,
+        ),
     ] = None,
     jobs: Annotated[int, typer.Option(min=1, help="processes at the same time")] = JOBS_MAX,
     json: JsonOption = False,
 ) -> None:
     """Run the cells of the fault matrix. Exit code 0 only if each keeps every law, else 1."""
+    from daemon.config.trainer import drive_names, load_trainer
     from gaitd_lab.fault_matrix.evaluation import broken
     from gaitd_lab.fault_matrix.page import command as again
+    from gaitd_lab.fault_matrix.page import page
     from gaitd_lab.fault_matrix.run import cells
-    from gaitd_lab.fault_matrix.watch import AXES
+    from gaitd_lab.studies.report import Report, write
 
-    axis = full_name(axis, AXES, "--axis") if axis else ""
-    _check_names(fault or [], mode or [], axis)
-    wanted = cells(fault or (), mode or (), axis)
-    if output is not None and wanted != cells():
-        raise typer.BadParameter("a page needs all faults, modes and axes", param_hint="--output")
-    results = _run(demo_file(config), wanted, seed, min(jobs, os.cpu_count() or 1))
+    file = demo_file(config)
+    drives = drive_names(load_trainer(file).trainer)
+    chosen = full_name(axis, drives, "--axis") if axis else ""
+    _check_names(fault or [], mode or [], chosen, drives)
+    wanted = cells(fault or (), mode or (), (chosen,) if chosen else drives)
+    results = _run(file, wanted, seed, min(jobs, os.cpu_count() or 1))
     bad = [(one, reasons) for one in results if (reasons := broken(one))]
     if json:
-        _print_json(results)
+        _print_json(results, config)
     elif len(results) < SHOWN_MAX:
-        _print_cells(results)
-    if output is not None:
-        _write(results, output)
+        show((_table(results).texts(),))
+    if output is not None and wanted == cells():
+        _write(page(results), output)
+    elif output is not None:
+        options = (("--fault", fault), ("--mode", mode), ("--axis", [chosen] if chosen else []))
+        words = [word for name, values in options for one in values or () for word in (name, one)]
+        run = " ".join(("gaitd matrix", *words, "--seed", str(seed)))
+        report = Report(CELLS, "Cells of the fault matrix", (_table(results),), {})
+        print(*write(report, output, run + words_of(config)), sep="\n", file=sys.stderr)
     for one, reasons in bad:
-        print(f"{again(one)}: {'; '.join(reasons)}", file=sys.stderr)
+        print(f"{again(one)}{words_of(config)}: {'; '.join(reasons)}", file=sys.stderr)
     print(f"{len(results)} cells, {len(bad)} of them break a law", file=sys.stderr)
     raise typer.Exit(ExitCode.FAILED if bad else 0)
 
@@ -65,11 +80,10 @@ SHOWN_MAX = 200
 """Largest number of cells printed; more cells need a page (--output)."""
 
 
-def _check_names(faults: list[str], modes: list[str], axis: str) -> None:
+def _check_names(faults: list[str], modes: list[str], axis: str, drives: tuple[str, ...]) -> None:
     from gaitd_lab.fault_matrix.faults import FAULTS
     from gaitd_lab.fault_matrix.modes import COLUMNS
     from gaitd_lab.fault_matrix.pairs import parts_of
-    from gaitd_lab.fault_matrix.watch import AXES
 
     def single(name: str) -> str:
         """One fault of a pair to look up; a pair is known if both of its faults are."""
@@ -82,7 +96,7 @@ def _check_names(faults: list[str], modes: list[str], axis: str) -> None:
     for option, names, known in (
         ("--fault", [single(name) for name in faults], tuple(FAULTS)),
         ("--mode", modes, tuple(COLUMNS)),
-        ("--axis", [axis] if axis else [], AXES),
+        ("--axis", [axis] if axis else [], drives),
     ):
         for name in names:
             if name not in known:
@@ -105,29 +119,34 @@ def _run(trainer: Path, wanted: "list[Cell]", seed: int, jobs: int) -> "list[Cel
     return sorted(results, key=lambda one: place[one.cell])
 
 
-def _print_json(results: "list[CellResult]") -> None:
+def _print_json(results: "list[CellResult]", config: Path | None) -> None:
     import msgspec
 
     from gaitd_lab.fault_matrix.evaluation import broken
     from gaitd_lab.fault_matrix.page import command as again
 
     lines = [
-        {**msgspec.to_builtins(one), "broken": broken(one), "command": again(one)}
+        {
+            **msgspec.to_builtins(one),
+            "broken": broken(one),
+            "command": again(one) + words_of(config),
+        }
         for one in results
     ]
     print(json_text(lines))
 
 
-def _print_cells(results: "list[CellResult]") -> None:
+def _table(results: "list[CellResult]") -> "Table":
     from gaitd_lab.fault_matrix.page import entry
+    from gaitd_lab.studies.report import Table
 
-    rows = tuple((one.fault, one.mode, one.axis or "both", entry([one])) for one in results)
-    show((("Fault matrix", ("fault", "mode", "axis", "what it did"), rows),))
+    rows = [(one.fault, one.mode, one.axis or "all", entry([one])) for one in results]
+    return Table("Fault matrix", ("fault", "mode", "axis", "what it did"), rows)
 
 
-def _write(results: "list[CellResult]", output: Path) -> None:
-    from gaitd_lab.fault_matrix.page import PAGE, page
+def _write(page: str, output: Path) -> None:
+    from gaitd_lab.fault_matrix.page import PAGE
 
     output.mkdir(parents=True, exist_ok=True)
-    (output / PAGE).write_text(page(results), encoding="utf-8")
+    (output / PAGE).write_text(page, encoding="utf-8")
     print(output / PAGE, file=sys.stderr)

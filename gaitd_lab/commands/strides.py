@@ -12,7 +12,7 @@ from gaitd.command_line import (
     json_on_stdout,
 )
 from gaitd.terminal import progress, show
-from gaitd_lab.commands.demo_file import DemoFile, demo_file
+from gaitd_lab.commands.demo_file import DemoFile, demo_file, words_of
 
 SEEDS: Final = 10
 
@@ -39,6 +39,6 @@ def command(
     ):
         found = study(demo_file(config), seeds, begin)
         show(table.texts() for table in found.tables)
-        for path in write(found, output, f"gaitd strides --seeds {seeds}"):
+        for path in write(found, output, f"gaitd strides --seeds {seeds}{words_of(config)}"):
             print(f"written      {path}")
         tell(found.tables)

@@ -19,7 +19,7 @@ from gaitd_lab.fault_matrix import watch
 from gaitd_lab.fault_matrix.faults import Fault
 from gaitd_lab.fault_matrix.kinds import KilledError, Scene
 from gaitd_lab.fault_matrix.modes import Column
-from gaitd_lab.fault_matrix.watch import AXES, CYCLE_NS, StopFrames, Watch
+from gaitd_lab.fault_matrix.watch import CYCLE_NS, StopFrames, Watch
 from gaitd_lab.lockstep import LockstepSession
 
 NS_PER_S: Final = 1_000_000_000
@@ -207,7 +207,7 @@ class _RunningCell:
         frames = self._stop_frames(stop)
         moved = watch.motion(samples, begun_ns, _standstill(session.settings.limits))
         beyond = watch.outside(samples, *_range(session.settings.limits))
-        told_ns = [one for one in (frames.hip_ns, frames.slide_ns) if one is not None]
+        told_ns = [one for one in frames.told_ns if one is not None]
         left_ns = [one for one in watch.left_enabled(samples, begun_ns) if one is not None]
         verdicts = _verdicts(records, self._verdict)
         stopped = bool(self._driven and (told_ns or self._dropped(samples)))
@@ -230,8 +230,8 @@ class _RunningCell:
             hip_deg=round(moved.hip_deg, 2),
             slide_mm=round(moved.slide_mm, 1),
             together=self._together(frames, samples),
-            enabled_anew=watch.enabled_again(samples),
-            lost_power=watch.lost_power(samples),
+            enabled_anew=watch.enabled_again(samples, self._watch.axes),
+            lost_power=watch.lost_power(samples, self._watch.axes),
             powerless_at_once=self._powerless(frames, samples),
             active_again=_active_again(records),
             beyond_hip_deg=round(math.degrees(beyond[0]), 2),
@@ -241,7 +241,7 @@ class _RunningCell:
         )
 
     def _stop_frames(self, stop: CycleRecord | None) -> StopFrames:
-        nodes = [drive.node_id for drive in self._session.settings.drives]
+        nodes = {drive.name: drive.node_id for drive in self._session.settings.drives}
         stopped_ns = None
         if stop is not None and self._mode.active:
             stopped_ns = stop.sync_mono_ns + self._session.bus.behind_ns
@@ -251,9 +251,7 @@ class _RunningCell:
         left_ns = watch.left_enabled(samples, self._begun_ns)
         return tuple(
             axis
-            for axis, told_ns, gone_ns in zip(
-                AXES, (told.hip_ns, told.slide_ns), left_ns, strict=True
-            )
+            for axis, told_ns, gone_ns in zip(self._watch.axes, told.told_ns, left_ns, strict=True)
             if axis in told.powerless and told_ns is not None
             if gone_ns is None or gone_ns >= told_ns
         )
@@ -268,14 +266,15 @@ class _RunningCell:
         )
 
     def _together(self, told: StopFrames, samples: list[watch.Sample]) -> bool:
-        if told.hip_ns is not None and told.slide_ns is not None:
+        if None not in told.told_ns:
             return told.together
-        if samples[0].states.count(watch.PUSHING) < len(AXES):
+        if samples[0].states.count(watch.PUSHING) < len(self._watch.axes):
             return True
-        hip, slide = watch.left_enabled(samples, self._begun_ns)
-        if hip is None or slide is None:
-            return hip is slide
-        return abs(hip - slide) <= ALIVE_CYCLES * CYCLE_NS
+        left_ns = watch.left_enabled(samples, self._begun_ns)
+        gone_ns = [one for one in left_ns if one is not None]
+        if len(gone_ns) < len(left_ns):
+            return not gone_ns
+        return max(gone_ns) - min(gone_ns) <= ALIVE_CYCLES * CYCLE_NS
 
 
 def _cycles(duration_ns: int) -> float:

@@ -2,8 +2,8 @@
 
 1.  No drive without power gets power, and no inactive mode becomes an active one: what was stopped
     stays stopped when its fault has ended.
-2.  Both axes are commanded to stop between the same two SYNCs; where nothing can be sent, the
-    drives stop by themselves within the time of their own watchdogs.
+2.  All axes, with two legs those of both, are commanded to stop between the same two SYNCs; where
+    nothing can be sent, the drives stop by themselves within the time of their own watchdogs.
 3.  The cause is one that is expected for the fault, its category is the required one, or the one
     that the design fixes, and what is latched afterwards is the same or a consequence of it.
 4.  The leg comes to rest, unless it has no power or is still guided by hand; and no joint moves
@@ -30,7 +30,6 @@ from gaitd_lab.fault_matrix.cell import CellResult
 from gaitd_lab.fault_matrix.law import DETECTION_CYCLES, Law, Resting
 from gaitd_lab.fault_matrix.modes import COLUMNS
 from gaitd_lab.fault_matrix.pairs import law_of, parts_of
-from gaitd_lab.fault_matrix.watch import AXES
 
 STOP_HIP_DEG: Final = 8.9
 """plant.toml's stop is 3 deg behind the limit. Its spring k is deflected by a patient's weight with
@@ -158,9 +157,11 @@ def _stopping(cell: CellResult, right: Law) -> Iterator[str]:
 def _power(cell: CellResult, right: Law) -> Iterator[str]:
     if right.exit_code is not None:  # the next core finds the drives enabled
         return
-    allowed = set(AXES) if cell.category == StopCategory.S0.name else set[str]()
-    if Cause[cell.causes[0]] in DOUBTFUL_FEEDBACK:
-        allowed &= {cell.drive}
+    allowed = set[str]()
+    if cell.category == StopCategory.S0.name:
+        if Cause[cell.causes[0]] not in DOUBTFUL_FEEDBACK:
+            return
+        allowed = {cell.drive}
     beyond = set(cell.powerless_at_once) - allowed
     if beyond:
         yield f"without power at once: {_names(beyond)}, right is {_names(allowed)}"
@@ -194,7 +195,8 @@ def _place(cell: CellResult, right: Law) -> Iterator[str]:
     stopped = min((one for one in (cell.told_cycles, cell.left_cycles) if one), default=0.0)
     if held and (cell.rest_cycles is None or cell.rest_cycles - stopped > REST_CYCLES):
         yield f"at rest after {cell.rest_cycles} cycles, right is {REST_CYCLES:g}"
-    runs_away = right.runs_away and len(cell.lost_power) == len(AXES)
+    legs = [drive.partition("/")[0] for drive in cell.lost_power]
+    runs_away = right.runs_away and any(legs.count(leg) == 2 for leg in legs)
     thrown = pushed_on or runs_away or right.unreachable
     hip_deg = THROWN_HIP_DEG if thrown else STOP_HIP_DEG
     slide_mm = THROWN_SLIDE_MM if thrown else STOP_SLIDE_MM

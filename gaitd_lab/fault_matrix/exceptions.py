@@ -220,6 +220,7 @@ EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType(dict(_e
 
 
 def law(fault: str, mode: str, axis: str) -> Law:
-    """Return the expected result of one cell."""
+    """Return the expected result of one cell; each leg has the laws of the right one."""
+    axis = axis and f"right/{axis.rpartition('/')[2]}"
     own = EXCEPTIONS.get((fault, mode, axis)) or EXCEPTIONS.get((fault, mode, BOTH))
     return own or LAWS[fault]

@@ -148,7 +148,8 @@ def _axes(parts: Parts, axis: str) -> tuple[str, str]:
     """The axis of each fault; empty for a fault that belongs to no axis."""
     other = axis
     if parts.on_other_axis and parts.first.of_an_axis:
-        other = next(one for one in AXES if one != axis)
+        leg, _, joint = axis.partition("/")
+        other = f"{leg}/{'slide' if joint == 'hip' else 'hip'}"
     return axis if parts.first.of_an_axis else "", other if parts.second.of_an_axis else ""
 
 

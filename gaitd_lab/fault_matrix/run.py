@@ -20,7 +20,6 @@ import msgspec
 
 from gaitd_lab.fault_matrix.cell import Cell, CellResult, play_cell
 from gaitd_lab.fault_matrix.faults import FAULTS
-from gaitd_lab.fault_matrix.kinds import Fault
 from gaitd_lab.fault_matrix.modes import COLUMNS, Column
 from gaitd_lab.fault_matrix.pairs import fault_named
 from gaitd_lab.fault_matrix.session import matrix_session
@@ -33,19 +32,16 @@ PART_COUNT: Final = 60
 """Cells of one part: one session is prepared for each part."""
 
 
-def cells(faults: Sequence[str] = (), modes: Sequence[str] = (), axis: str = "") -> list[Cell]:
+def cells(
+    faults: Sequence[str] = (), modes: Sequence[str] = (), axes: Sequence[str] = AXES
+) -> list[Cell]:
     """Return the cells of these rows and columns, in the pages' order; all if none is named."""
     return [
-        Cell(fault.name, column, one)
+        Cell(fault.name, column, axis)
         for column in (modes or COLUMNS)
         for fault in (fault_named(name) for name in (faults or FAULTS))
-        for one in _axes(fault)
-        if axis in {"", one} or not one
+        for axis in (axes if fault.of_an_axis else ("",))
     ]
-
-
-def _axes(fault: Fault) -> tuple[str, ...]:
-    return AXES if fault.of_an_axis else ("",)
 
 
 def parts(wanted: Sequence[Cell]) -> list[list[Cell]]:

@@ -4,7 +4,7 @@ Time counts in cycles of 10 ms from the begin of the fault, which may be anywher
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Final, NamedTuple
 
@@ -25,19 +25,21 @@ QUICK_STOP: Final = 0b010
 """Bits 1 and 2 of the controlword of a quick stop."""
 PUSHING: Final = PowerState.OPERATION_ENABLED
 AXES: Final = ("right/hip", "right/slide")
-LEG: Final = "right"
+"""Axes of the shipped trainer with one leg."""
+HIP, SLIDE = slice(0, None, 2), slice(1, None, 2)
+"""Places of all hips and of all slides among the axes."""
 
 Pair = tuple[float, float]
 
 
 class Sample(NamedTuple):
-    """State of the plant and its drives at one moment."""
+    """State of the plant and its drives at one moment; axes in the order of the trainer file."""
 
     time_ns: int
-    position: Pair
-    """Positions, rad, m."""
-    velocity: Pair
-    states: tuple[PowerState, PowerState]
+    position: tuple[float, ...]
+    """Angle or position of each axis: rad, m."""
+    velocity: tuple[float, ...]
+    states: tuple[PowerState, ...]
 
 
 class Watch:
@@ -45,27 +47,32 @@ class Watch:
 
     def __init__(self, session: LockstepSession) -> None:
         self._session = session
-        self._plant = session.machine.trainers[LEG]
-        self._nodes = [session.machine.world.node(axis) for axis in AXES]
+        machine, settings = session.machine, session.settings
+        self.axes = tuple(drive.name for drive in settings.drives)
+        """Name of each axis: hip and slide of each leg, in the order of the trainer file."""
+        self._plants = [machine.trainers[leg.name] for leg in settings.legs]
+        self._nodes = [machine.world.node(axis) for axis in self.axes]
         self.samples: list[Sample] = []
         self._sample()
 
     def _sample(self) -> None:
-        truth = self._plant.truth()
-        hip, slide = (node.drive.state for node in self._nodes)
+        truths = [plant.truth() for plant in self._plants]
+        position = tuple(value for truth in truths for value in truth.position)
+        velocity = tuple(value for truth in truths for value in truth.velocity)
+        states = tuple(node.drive.state for node in self._nodes)
         now_ns = self._session.world_ns
-        self.samples.append(Sample(now_ns, truth.position, truth.velocity, (hip, slide)))
+        self.samples.append(Sample(now_ns, position, velocity, states))
         self._session.bus.at(now_ns + SAMPLE_NS, self._sample)
 
 
 class Motion(NamedTuple):
-    """Motion of the leg from a moment until rest."""
+    """Motion from a moment until rest of all legs."""
 
     rest_ns: int | None
     """Time since that moment; None: it has not come to rest."""
     hip_deg: float
     slide_mm: float
-    """Largest distance from the first position, until then."""
+    """Largest distance of a hip and of a slide from its first position, until then."""
 
 
 def motion(samples: Sequence[Sample], begun_ns: int, standstill: Pair) -> Motion:
@@ -74,7 +81,10 @@ def motion(samples: Sequence[Sample], begun_ns: int, standstill: Pair) -> Motion
     rest_ns = _rest(after, standstill)
     first = after[0].position
     moving = [one for one in after if rest_ns is None or one.time_ns <= rest_ns]
-    hip, slide = (max(abs(one.position[axis] - first[axis]) for one in moving) for axis in (0, 1))
+    far = [
+        max(abs(one.position[axis] - start) for one in moving) for axis, start in enumerate(first)
+    ]
+    hip, slide = max(far[HIP]), max(far[SLIDE])
     since_ns = None if rest_ns is None else max(rest_ns - begun_ns, 0)
     return Motion(since_ns, math.degrees(hip), slide * 1e3)
 
@@ -83,7 +93,9 @@ def _rest(samples: Sequence[Sample], standstill: Pair) -> int | None:
     """Return when the first sufficiently long rest begins."""
     since_ns: int | None = None
     for one in samples:
-        still = all(abs(one.velocity[axis]) < standstill[axis] for axis in (0, 1))
+        still = all(
+            abs(velocity) < standstill[axis % 2] for axis, velocity in enumerate(one.velocity)
+        )
         since_ns = (since_ns if since_ns is not None else one.time_ns) if still else None
         if since_ns is not None and one.time_ns - since_ns >= REST_NS:
             return since_ns
@@ -91,32 +103,35 @@ def _rest(samples: Sequence[Sample], standstill: Pair) -> int | None:
 
 
 def outside(samples: Sequence[Sample], low: Pair, high: Pair) -> Pair:
-    """Largest excess of each joint over a range: rad, m; 0 inside."""
+    """Largest excess of a hip and of a slide over its range: rad, m; 0 inside."""
     hip, slide = (
         max(
-            max(low[axis] - one.position[axis], one.position[axis] - high[axis], 0.0)
+            max(low[axis] - position, position - high[axis], 0.0)
             for one in samples
+            for position in one.position[places]
         )
-        for axis in (0, 1)
+        for axis, places in enumerate((HIP, SLIDE))
     )
     return hip, slide
 
 
-def enabled_again(samples: Sequence[Sample]) -> tuple[str, ...]:
+def enabled_again(samples: Sequence[Sample], axes: Sequence[str]) -> tuple[str, ...]:
     """Drives that newly entered operation enabled."""
-    return _entered(samples, frozenset({PUSHING}))
+    return _entered(samples, axes, frozenset({PUSHING}))
 
 
-def lost_power(samples: Sequence[Sample]) -> tuple[str, ...]:
+def lost_power(samples: Sequence[Sample], axes: Sequence[str]) -> tuple[str, ...]:
     """Drives whose power stage was on and was switched off."""
-    return _entered(samples, frozenset(PowerState) - POWER_STAGE_ON)
+    return _entered(samples, axes, frozenset(PowerState) - POWER_STAGE_ON)
 
 
-def _entered(samples: Sequence[Sample], states: frozenset[PowerState]) -> tuple[str, ...]:
+def _entered(
+    samples: Sequence[Sample], axes: Sequence[str], states: frozenset[PowerState]
+) -> tuple[str, ...]:
     """Drives that entered one of these states from another one."""
     return tuple(
         axis
-        for number, axis in enumerate(AXES)
+        for number, axis in enumerate(axes)
         if any(
             before.states[number] not in states and after.states[number] in states
             for before, after in pairwise(samples)
@@ -124,9 +139,9 @@ def _entered(samples: Sequence[Sample], states: frozenset[PowerState]) -> tuple[
     )
 
 
-def left_enabled(samples: Sequence[Sample], begun_ns: int) -> tuple[int | None, int | None]:
+def left_enabled(samples: Sequence[Sample], begun_ns: int) -> tuple[int | None, ...]:
     """Time at which each drive was first seen without operation enabled, from a moment on."""
-    hip, slide = (
+    return tuple(
         next(
             (
                 one.time_ns
@@ -135,16 +150,15 @@ def left_enabled(samples: Sequence[Sample], begun_ns: int) -> tuple[int | None, 
             ),
             None,
         )
-        for number in (0, 1)
+        for number in range(len(samples[0].states))
     )
-    return hip, slide
 
 
 class StopFrames(NamedTuple):
-    """Time at which each drive was commanded to stop, on the wire: world time; None: it was not."""
+    """When each drive was commanded to stop, on the wire."""
 
-    hip_ns: int | None
-    slide_ns: int | None
+    told_ns: tuple[int | None, ...]
+    """World time for each axis; None: it was not."""
     together: bool
     """True if between the same two SYNCs."""
     powerless: tuple[str, ...]
@@ -152,13 +166,13 @@ class StopFrames(NamedTuple):
 
 
 def stop_frames(
-    sent: Sequence[Frame], nodes: Sequence[int], begun_ns: int, stopped_ns: int | None
+    sent: Sequence[Frame], nodes: Mapping[str, int], begun_ns: int, stopped_ns: int | None
 ) -> StopFrames:
     """Find the frames that stop.
 
     Args:
         sent: frames of the master, with the world's time.
-        nodes: node ids of hip and slide.
+        nodes: node id of each axis.
         begun_ns: when the fault began.
         stopped_ns: SYNC of the first record of a stop: commands after it brake, also those that
             leave a drive enabled (S2); None: there was no such record.
@@ -167,16 +181,14 @@ def stop_frames(
         list(_stops(sent, node, begun_ns, stopped_ns))
         if _enabled_before(sent, node, begun_ns)
         else []
-        for node in nodes
+        for node in nodes.values()
     ]
-    hip_ns, slide_ns = (of_axis[0].time_ns if of_axis else None for of_axis in stops)
     return StopFrames(
-        hip_ns,
-        slide_ns,
+        tuple(of_axis[0].time_ns if of_axis else None for of_axis in stops),
         together=len({of_axis[0].sync_count for of_axis in stops if of_axis}) <= 1,
         powerless=tuple(
             axis
-            for axis, of_axis in zip(AXES, stops, strict=True)
+            for axis, of_axis in zip(nodes, stops, strict=True)
             if of_axis and _is_powerless(of_axis)
         ),
     )

@@ -1,7 +1,7 @@
 """What a study returns, and the one writer of it: tables of measured quantities, and pictures."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Sized
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -65,6 +65,11 @@ class Table(NamedTuple):
         return self.title, self.head, tuple(tuple(map(_text, row)) for row in self.rows)
 
 
+def of_leg(leg: str, legs: Sized) -> str:
+    """Words that a title adds for a leg: none on a machine with one leg."""
+    return f", {leg} leg" if len(legs) > 1 else ""
+
+
 class Report(NamedTuple):
     """What a study found."""
 
@@ -104,7 +109,7 @@ def write(report: Report, folder: Path, run: str) -> list[Path]:
     ]
     if pictures:
         names = ", ".join(f"`{picture.name}`" for picture in pictures)
-        parts.append(f"Pictures beside this page, drawn by the same command: {names}.")
+        parts.append(f"The same command draws {names}.")
     for title, head, rows in (table.texts() for table in report.tables):
         parts += [f"### {title}", markdown.table(head, rows)]
     page = folder / f"{report.name}.md"

@@ -22,7 +22,7 @@ from daemon.config.settings import Robot
 from gaitd_lab.excitation import EmptyMachine, NotPlayedError
 from gaitd_lab.studies import wrong_file
 from gaitd_lab.studies.experiment.measures import covered, rms
-from gaitd_lab.studies.report import Cell, Report, Table, measured
+from gaitd_lab.studies.report import Cell, Report, Table, measured, of_leg
 from gaitd_lab.trial import Trial
 from gaitd_lab.trials import Situation, Trials
 from observer.filter.states import PATIENT, VELOCITY
@@ -66,6 +66,7 @@ class Case(NamedTuple):
     figures: list[Figures]
     observer: str = ""
     """What is not the robot file's in the observer."""
+    leg: str = ""
 
 
 def study(config: Path, seeds: int, begin: Callable[[str], Callable[[float], None]]) -> Report:
@@ -77,8 +78,8 @@ def study(config: Path, seeds: int, begin: Callable[[str], Callable[[float], Non
         RecordingError: no bristles can be calibrated.
     """
     draws = range(1, seeds + 1)
-    tables = _table(cases(config, draws, begin)), wrong_file.table(config, draws, begin)
-    figures = {"active": _figure(config, begin("picture"))}
+    tables = *_tables(cases(config, draws, begin)), wrong_file.table(config, draws, begin)
+    figures = _figures(config, begin("picture"))
     return Report("strides", "The patient's effort and work in gait", tables, figures)
 
 
@@ -97,11 +98,14 @@ def cases(
     found: list[Case] = []
     for law, cadence_hz, programme in product(LAWS, CADENCES_HZ, (ACTIVE, PASSIVE)):
         situation = Situation(law, cadence_hz, programme)
-        walks = [trials.gait(situation, GAIT_S, begin(situation.name)) for trials in machines]
-        found.append(Case(situation, [measure(walk, walk.robot) for walk in walks]))
-        if law is FrictionLaw.LUGRE:
-            figures = [measure(walk, bristled) for walk in walks]
-            found.append(Case(situation, figures, CALIBRATED))
+        told = begin(situation.name)
+        walks = [trials.gait_of_legs(situation, GAIT_S, told) for trials in machines]
+        for leg in machines[0].legs:
+            own = [walk[leg] for walk in walks]
+            found.append(Case(situation, [measure(one, one.robot) for one in own], leg=leg))
+            if law is FrictionLaw.LUGRE:
+                figures = [measure(one, bristled) for one in own]
+                found.append(Case(situation, figures, CALIBRATED, leg))
     return sorted(found, key=lambda case: (list(LAWS).index(case.situation.law), case.observer))
 
 
@@ -154,13 +158,17 @@ def _within_percent(error: Values, std: Values) -> float | None:
     return None if share is None else 100.0 * share
 
 
-def _figure(config: Path, progress: Callable[[float], None]) -> Figure:
+def _figures(config: Path, progress: Callable[[float], None]) -> dict[str, Figure]:
     """Draw the strides of an active patient on the machine of a trainer file, with its own seed."""
-    walk = Trials(config).gait(Situation(programme=ACTIVE), DRAWN_S, progress)
-    made = walk.recording
-    columns = Columns(made.time_s, made.position, made.effort)
-    smooth = smooth_batch.run_smoothed(setup_for(walk.robot), columns)
-    return stride_figure.draw(strides_of(smooth, columns), made.time_s, smooth)
+    walks = Trials(config).gait_of_legs(Situation(programme=ACTIVE), DRAWN_S, progress)
+    figures: dict[str, Figure] = {}
+    for leg, walk in walks.items():
+        made = walk.recording
+        columns = Columns(made.time_s, made.position, made.effort)
+        smooth = smooth_batch.run_smoothed(setup_for(walk.robot), columns)
+        name = f"{leg}_{ACTIVE}" if len(walks) > 1 else ACTIVE
+        figures[name] = stride_figure.draw(strides_of(smooth, columns), made.time_s, smooth)
+    return figures
 
 
 def _works(strides: Sequence[tuple[int, Stride]], power: Values, steps_s: Values) -> Figures:
@@ -183,7 +191,20 @@ def _works(strides: Sequence[tuple[int, Stride]], power: Values, steps_s: Values
     }
 
 
-def _table(found: Sequence[Case]) -> Table:
+def _tables(found: Sequence[Case]) -> list[Table]:
+    """Return a table of each leg."""
+    legs = list(dict.fromkeys(case.leg for case in found))
+    return [
+        Table(
+            f"Filter, smoother and strides beside the truth{of_leg(leg, legs)}",
+            HEAD,
+            _rows([case for case in found if case.leg == leg]),
+        )
+        for leg in legs
+    ]
+
+
+def _rows(found: Sequence[Case]) -> list[tuple[Cell, ...]]:
     """Return all figures, a row each: plant, cadence, patient and figure, hip, slide."""
     rows: list[tuple[Cell, ...]] = []
     for case in found:
@@ -196,4 +217,4 @@ def _table(found: Sequence[Case]) -> Table:
                 )
                 words = f"{cadence_hz:g} Hz", f"{programme}: {name}"
                 rows.append((LAWS[law] + case.observer, *words, hip, slide))
-    return Table("Filter, smoother and strides beside the truth", HEAD, rows)
+    return rows

@@ -1,12 +1,13 @@
 """What happens to patients who work: each patient at each cadence on each law of friction.
 
 The shipped configuration in lock-step (`lockstep.py`), its observer beside the plant's truth. The
-controls are machines that must stop: their observer is wrong, or the patient has a real spasm.
+controls are machines that must stop: their observer is wrong, or the patient has a real spasm. With
+two legs each leg has its patient, who varies by a seed of its own.
 """
 
 import math
 import multiprocessing
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from itertools import product
@@ -44,6 +45,7 @@ from gaitd_lab.studies.report import Table
 from gaitd_lab.trials import of_axes
 from gaitd_lab.virtual_machine import load_plant, virtual_machine
 from observer.filter.status import Validity
+from sim_drives.build import Machine
 from sim_drives.plant.settings import FrictionLaw
 from sim_drives.plant.truth import TruthLog, TruthRow
 from sim_drives.settings import PlantFile
@@ -72,7 +74,11 @@ MODELS: Final[Mapping[str, Callable[[], Model]]] = {
 }
 PASSIVE: Final = "passive"
 CONTROLS: Final = ("spasm", "wrong leg", "glitches", "unknown jitter", "coarse encoder")
-"""Cells whose stop must come; the patient gives half of the need, but for the spasm."""
+"""Cells whose stop must come; the patient gives half of the need, but for the spasm.
+
+With two legs the last one has the spasm or the glitches.
+"""
+NAMES: Final = (PASSIVE, *MODELS, *CONTROLS)
 HEAD: Final = (
     "patient",
     "cadence",
@@ -114,9 +120,11 @@ NOTHING: Final = AxisFigures(*4 * (math.nan,))
 
 @dataclass(frozen=True, slots=True)
 class Played:
-    """What happened in one cell."""
+    """What happened to one leg in one cell."""
 
     cell: Cell
+    leg: str
+    """Empty on a machine with one leg."""
     cause: str
     """Cause of the stop; empty if it walked to the end."""
     stopped_s: float
@@ -133,24 +141,30 @@ class Played:
         return 1 + int(self.stopped_s * self.cell.cadence_hz)
 
 
-def cells(seeds: int) -> list[Cell]:
-    """Return all cells: patients, then controls."""
+def cells(
+    seeds: int, names: Collection[str] = NAMES, cadences_hz: Sequence[float] = CADENCES_HZ
+) -> list[Cell]:
+    """Return the cells of these patients and controls, which have a cadence of their own."""
     draws = range(1, seeds + 1)
+    patients = [name for name in (PASSIVE, *MODELS) if name in names]
+    controls = [name for name in CONTROLS if name in names]
     return [
-        *(Cell(*one) for one in product((PASSIVE, *MODELS), CADENCES_HZ, FRICTIONS, draws)),
-        *(Cell(*one) for one in product(CONTROLS, (CONTROL_HZ,), (FrictionLaw.PAPER,), draws)),
+        *(Cell(*one) for one in product(patients, cadences_hz, FRICTIONS, draws)),
+        *(Cell(*one) for one in product(controls, (CONTROL_HZ,), (FrictionLaw.PAPER,), draws)),
     ]
 
 
-def run(config: Path, wanted: Sequence[Cell], duration_s: float, jobs: int) -> Iterator[Played]:
-    """Play cells, `jobs` at a time; yields each when it is done.
+def run(
+    config: Path, wanted: Sequence[Cell], duration_s: float, jobs: int
+) -> Iterator[list[Played]]:
+    """Play cells, `jobs` at a time; yields each leg of a cell when it is done.
 
     Raises:
         ConfigError: in a file, or between the files.
     """
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(jobs, len(wanted)), mp_context=spawn) as pool:
-        running = [pool.submit(play, config, cell, duration_s) for cell in wanted]
+        running = [pool.submit(play_legs, config, cell, duration_s) for cell in wanted]
         try:
             for done in as_completed(running):
                 yield done.result()
@@ -159,21 +173,23 @@ def run(config: Path, wanted: Sequence[Cell], duration_s: float, jobs: int) -> I
 
 
 def play(config: Path, cell: Cell, duration_s: float) -> Played:
-    """Walk for a time, or until the service stops.
+    """Play a cell, and return what happened to its first leg; see `play_legs`."""
+    return play_legs(config, cell, duration_s)[0]
+
+
+def play_legs(config: Path, cell: Cell, duration_s: float) -> list[Played]:
+    """Walk for a time, or until the service stops; return what happened to each leg.
 
     Raises:
         ConfigError: in a file, or between the files.
     """
     settings, plant, robot = _machine_of(load(config), cell)
-    truth = TruthLog(None)
-    name = settings.legs[0].name
-    machine = virtual_machine(
-        settings.file, plant=plant, robot=robot, seed=cell.seed, truth={name: truth}
-    )
-    trainer, gateway = machine.trainers[name], Gateway()
+    truths = {leg.name: TruthLog(None) for leg in settings.legs}
+    names = list(truths)
+    machine = virtual_machine(settings.file, plant=plant, robot=robot, seed=cell.seed, truth=truths)
+    gateway = Gateway()
     if cell.patient != PASSIVE:
-        patient = Patient(settings.robot, _model(cell.patient), cell.seed)
-        gateway = Gateway(lambda record: trainer.exert(*patient(record)))
+        gateway = Gateway(_exerting(cell, settings, machine))
     session = LockstepSession(
         settings, machine, gateway=gateway, persistent=proven_signs(settings, machine)
     )
@@ -183,21 +199,55 @@ def play(config: Path, cell: Cell, duration_s: float) -> Played:
     try:
         session.enable().execute(RequestKind.MODE, gait)
     except RefusedError as error:
-        return Played(cell, f"refused: {error}", 0.0, 0.0, 0.0, NOTHING, NOTHING)
+        refused = f"refused: {error}"
+        return [
+            Played(cell, _told(leg, names), refused, 0.0, 0.0, 0.0, NOTHING, NOTHING)
+            for leg in names
+        ]
     session.run_until(lambda record: record.gait_phase >= 0 or _has_stopped(record), BRING_UP_S)
     begun = len(session.records) - 1
     while not _has_stopped(session.record) and len(session.records) - begun < duration_s / DT_S:
         if cell.patient == "glitches":
             for axis in ("hip", "slide"):
-                session.command(f"encoder_glitch {name}/{axis} - {GLITCH_COUNTS}")
+                session.command(f"encoder_glitch {names[-1]}/{axis} - {GLITCH_COUNTS}")
             session.run(GLITCH_S)
         else:
             session.run(TURN_S)
-    return _played(cell, session, begun, truth.rows)
+    return [
+        _played(cell, _told(leg, names), session, begun, place, truth.rows)
+        for place, (leg, truth) in enumerate(truths.items())
+    ]
 
 
-def _model(name: str) -> Model:
-    if name == "spasm":
+def _told(leg: str, names: Sequence[str]) -> str:
+    return leg if len(names) > 1 else ""
+
+
+def _exerting(cell: Cell, settings: Settings, machine: Machine) -> Callable[[CycleRecord], None]:
+    """Return what exerts the effort of the patient of each leg, which a record asks for."""
+    names = [leg.name for leg in settings.legs]
+    patients = [
+        (
+            machine.trainers[name],
+            Patient(
+                settings.robot,
+                _model(cell.patient, is_last=name == names[-1]),
+                cell.seed + place,
+                place,
+            ),
+        )
+        for place, name in enumerate(names)
+    ]
+
+    def exert(record: CycleRecord) -> None:
+        for trainer, patient in patients:
+            trainer.exert(*patient(record))
+
+    return exert
+
+
+def _model(name: str, *, is_last: bool) -> Model:
+    if name == "spasm" and is_last:
         return Spasm(SPASM_AT_S)
     return of_ability(0.5) if name in CONTROLS else MODELS[name]()
 
@@ -244,10 +294,17 @@ def _has_stopped(record: CycleRecord) -> bool:
     return record.mode != Mode.GAIT
 
 
-def _played(cell: Cell, session: LockstepSession, begun: int, rows: Sequence[TruthRow]) -> Played:
+def _played(
+    cell: Cell,
+    leg: str,
+    session: LockstepSession,
+    begun: int,
+    place: int,
+    rows: Sequence[TruthRow],
+) -> Played:
     true = {row.sync_mono_ns: row for row in rows}
     records = [record for record in session.records[begun:] if record.sync_mono_ns in true]
-    legs = [record.legs[0] for record in records]
+    legs = [record.legs[place] for record in records]
     validity = of_axes(legs, "validity")
     bad = (validity == Validity.BAD).any(axis=1)
     pairs = np.array(
@@ -270,6 +327,7 @@ def _played(cell: Cell, session: LockstepSession, begun: int, rows: Sequence[Tru
     verdict = session.record.verdict
     return Played(
         cell,
+        leg,
         "" if verdict.cause is Cause.NONE else verdict.cause.name,
         len(records) * DT_S,
         1.0 - float(np.mean(bad)),
@@ -300,7 +358,8 @@ def table(title: str, results: Iterable[Played]) -> Table:
     """Return a row for each patient, cadence and friction: medians over seeds, worst BAD run."""
     groups: dict[tuple[str, float, FrictionLaw], list[Played]] = {}
     for one in results:
-        groups.setdefault((one.cell.patient, one.cell.cadence_hz, one.cell.law), []).append(one)
+        patient = f"{one.cell.patient}, {one.leg} leg" if one.leg else one.cell.patient
+        groups.setdefault((patient, one.cell.cadence_hz, one.cell.law), []).append(one)
     rows = [_row(*key, draws) for key, draws in groups.items()]
     return Table(title, HEAD, rows)
 

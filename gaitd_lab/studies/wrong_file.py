@@ -26,7 +26,7 @@ from daemon.config.robot import (
 )
 from daemon.config.settings import HipTransmission, Robot, SlideTransmission, Transmission
 from gaitd_lab.studies.experiment.measures import rms
-from gaitd_lab.studies.report import Cell, Table, measured
+from gaitd_lab.studies.report import Cell, Table, measured, of_leg
 from gaitd_lab.trial import Trial
 from gaitd_lab.trials import Situation, Trials
 from observer.baseline import NotPassiveError, baseline_of, known
@@ -180,28 +180,38 @@ def table(
     """
     machines = [Trials(config, seed=seed) for seed in seeds]
 
-    def walks(transmission: PlantTransmission, of: str) -> _Walks:
-        def walked(programme: str, cadence_hz: float, duration_s: float) -> list[Trial]:
+    def walks(transmission: PlantTransmission, of: str) -> dict[str, _Walks]:
+        """Walk with all legs; return the words for each leg, and its walks."""
+
+        def walked(programme: str, cadence_hz: float, duration_s: float) -> list[dict[str, Trial]]:
             situation = Situation(
                 cadence_hz=cadence_hz, programme=programme, transmission=transmission
             )
             told = begin(f"{of}, {programme}, {cadence_hz:g} Hz")
-            return [trials.gait(situation, duration_s, told) for trials in machines]
+            return [trials.gait_of_legs(situation, duration_s, told) for trials in machines]
 
-        return _Walks(
-            walked("passive", CADENCES_HZ[0], MINUTE_S),
-            {cadence_hz: walked("active", cadence_hz, WALK_S) for cadence_hz in CADENCES_HZ},
-        )
+        legs = machines[0].legs
+        passive = walked("passive", CADENCES_HZ[0], MINUTE_S)
+        active = {cadence_hz: walked("active", cadence_hz, WALK_S) for cadence_hz in CADENCES_HZ}
+        return {
+            of_leg(leg, legs): _Walks(
+                [one[leg] for one in passive],
+                {cadence_hz: [one[leg] for one in made] for cadence_hz, made in active.items()},
+            )
+            for leg in legs
+        }
 
     rows: list[tuple[Cell, ...]] = []
     rigid = walks(RIGID, "rigid")
-    for name, changed in FILES.items():
-        rows += _rows(name, rigid, [changed], _same)
     draws = [drawn(number) for number in range(DRAWS)]
-    rows += _rows(f"{DRAWS} draws from [uncertainty]", rigid, draws, _same)
+    for leg, own in rigid.items():
+        for name, changed in FILES.items():
+            rows += _rows(name + leg, own, [changed], _same)
+        rows += _rows(f"{DRAWS} draws from [uncertainty]{leg}", own, draws, _same)
     for name, machine in MACHINES.items():
-        soft = walks(machine.transmission, name)
-        rows += _rows(name, soft, [File], partial(replace, transmission=machine.file))
+        for leg, own in walks(machine.transmission, name).items():
+            true = partial(replace, transmission=machine.file)
+            rows += _rows(name + leg, own, [File], true)
     head = ("file differs by", "cadence", "baseline", *_HEAD)
     return Table("A robot file that differs from the machine", head, rows)
 

@@ -330,7 +330,7 @@ def test_the_command_prints_its_numbers_beside_their_targets_and_draws_the_paper
 
     monkeypatch.setattr(EmptyMachine, "play", play)
     gait = [Row(f"gait at {hz:g} Hz: time at rest", 1.0, 9.0, "%", "%") for hz in CADENCES_HZ]
-    monkeypatch.setattr(study, "_gait_rows", lambda *_: gait)
+    monkeypatch.setattr(study, "_gait_rows", lambda *_: {"right": gait})
     folder = tmp_path / "new" / "folder"
 
     ran = gaitd("experiment", "--seeds", "2", "--output", folder)

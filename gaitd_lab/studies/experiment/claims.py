@@ -133,12 +133,13 @@ CLAIMS: Final = (
 )
 
 
-def claims_table(draws: Sequence[Sequence[Row]], scales: Scales) -> Table:
+def claims_table(draws: Sequence[Sequence[Row]], scales: Scales, words: str = "") -> Table:
     """Return all criteria of all claims, and in how many seeds each is seen.
 
     Args:
         draws: the rows of each seed, on a plant with the observer's friction law.
         scales: sizes that relative criteria refer to.
+        words: added to the title.
 
     Raises:
         KeyError: a claim names a row that the draws do not have.
@@ -153,7 +154,8 @@ def claims_table(draws: Sequence[Sequence[Row]], scales: Scales) -> Table:
             seen = f"{judged.met_count} of {judged.seed_count}" if judged else ""
             rows.append((claim.claim, claim.where, *spread_of(same), asked, seen))
     head = ("claim", "in the paper", "measured", "hip", "slide", "asked for", "seen in")
-    return Table("The paper's claims, on a plant with the paper's friction law", head, rows)
+    title = f"The paper's claims, on a plant with the paper's friction law{words}"
+    return Table(title, head, rows)
 
 
 def spread_of(same: Sequence[Row]) -> tuple[str, Cell, Cell]:

@@ -1,6 +1,6 @@
 """The report of `gaitd experiment`: its numbers over seeds, the paper's claims, Figs. 4 and 5."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -16,7 +16,7 @@ from gaitd_lab.studies.experiment.figures import draw_axis, draw_details
 from gaitd_lab.studies.experiment.measures import Row, Run, marks
 from gaitd_lab.studies.experiment.rows import rows
 from gaitd_lab.studies.experiment.targets import TARGETS, Plant, Scales, judge
-from gaitd_lab.studies.report import Cell, Report, Table
+from gaitd_lab.studies.report import Cell, Report, Table, of_leg
 from gaitd_lab.trials import Situation, Trials
 from sim_drives.plant.settings import FrictionLaw
 
@@ -34,7 +34,7 @@ Begin = Callable[[str, float], Callable[[float], None]]
 
 
 class Draws(NamedTuple):
-    """The experiment of one plant, once for each seed."""
+    """The experiment of one leg of a plant, once for each seed."""
 
     machine: EmptyMachine
     """With the first seed."""
@@ -51,24 +51,25 @@ class Draws(NamedTuple):
         return Scales((friction[0].coulomb, friction[1].coulomb), (hip, slide))
 
 
-def draw(machines: Sequence[EmptyMachine], seconds: float, begin: Begin) -> Draws:
-    """Play the scenario on machines that differ in their seed.
+def draw(machines: Sequence[EmptyMachine], seconds: float, begin: Begin) -> dict[str, Draws]:
+    """Play the scenario on machines that differ in their seed; return what each leg did.
 
     Raises:
         NotPlayedError: the service refused it, or stopped before its end.
     """
-    made: list[tuple[Row, ...]] = []
-    runs: list[Run] = []
+    legs: dict[str, Draws] = {}
     for machine in machines:
         title = f"{machine.law.value}, seed {machine.seed}"
-        run, trouble = machine.play(SCENARIO, seconds, begin(title, seconds))
-        runs.append(run)
-        if trouble:
-            raise NotPlayedError(f"seed {machine.seed}: {trouble}")
+        played = machine.play(SCENARIO, seconds, begin(title, seconds))
+        if played.trouble:
+            raise NotPlayedError(f"seed {machine.seed}: {played.trouble}")
+        delays = machine.delays(played, begin)
         when = marks(machine.settings.trainer.excite[SCENARIO])
-        table = rows(run, when, machine.frictions, setup_for(machine.settings.robot))
-        made.append((*table, *_delay_rows(machine.delays(run, begin))))
-    return Draws(machines[0], runs[0], made)
+        setup = setup_for(machine.settings.robot)
+        for leg, run in played.runs.items():
+            table = *rows(run, when, machine.frictions, setup), *_delay_rows(delays[leg])
+            legs.setdefault(leg, Draws(machine, run, [])).rows.append(table)
+    return legs
 
 
 def study(
@@ -93,23 +94,28 @@ def study(
     for law in laws:
         first = EmptyMachine(config, law)
         machines = [first, *(EmptyMachine(config, law, first.seed + n) for n in range(1, seeds))]
-        draws = draw(machines, seconds, begin)
+        legs = draw(machines, seconds, begin)
         if law is FrictionLaw.PAPER and seconds == first.longest_s(SCENARIO):
-            with_gait = [
-                (*one, *_gait_rows(Trials(config, seed=machine.seed), begin))
-                for machine, one in zip(machines, draws.rows, strict=True)
+            gaits = [_gait_rows(Trials(config, seed=one.seed), begin) for one in machines]
+            tables += [
+                claims_table(
+                    [(*row, *gait[leg]) for row, gait in zip(draws.rows, gaits, strict=True)],
+                    draws.scales,
+                    of_leg(leg, legs),
+                )
+                for leg, draws in legs.items()
             ]
-            tables.append(claims_table(with_gait, draws.scales))
-        table, met = _numbers(draws, PLANTS[law], first.note)
-        tables.append(table)
-        passed = passed and met
-        figures = figures or _figures(draws)
+        for leg, draws in legs.items():
+            table, met = _numbers(draws, PLANTS[law], of_leg(leg, legs), first.note)
+            tables.append(table)
+            passed = passed and met
+        figures = figures or _figures(legs)
     title = "The paper's experiment, repeated"
     return Report("experiment", title, tuple(tables), figures, passed)
 
 
-def _numbers(draws: Draws, plant: Plant, note: str) -> tuple[Table, bool]:
-    """Return the table of one plant, and whether every seed met every target."""
+def _numbers(draws: Draws, plant: Plant, leg: str, note: str) -> tuple[Table, bool]:
+    """Return the table of one leg of a plant, and whether every seed met every target."""
     targets = {target.row: target for target in TARGETS if plant in target.plants}
     rows: list[tuple[Cell, ...]] = []
     passed = True
@@ -119,23 +125,26 @@ def _numbers(draws: Draws, plant: Plant, note: str) -> tuple[Table, bool]:
         passed = passed and (judged is None or judged.met)
         words = (judged.words, str(judged)) if judged else ("", "")
         rows.append((*spread_of(same), *words))
-    title = f"Plant with {plant.value}, {len(draws.rows)} seeds" + (f" ({note})" if note else "")
+    title = f"Plant with {plant.value}{leg}, {len(draws.rows)} seeds"
+    title += f" ({note})" if note else ""
     return Table(title, ("", "hip", "slide", "target", ""), rows), passed
 
 
-def _figures(draws: Draws) -> dict[str, Figure]:
-    machine, run = draws.machine, draws.run
-    subtitle = (
-        f"scenario {SCENARIO} through CAN frames, empty machine, "
-        f"plant friction {machine.law.value}; grey: at rest"
-    )
-    when = marks(machine.settings.trainer.excite[SCENARIO])
-    open_gate = moving(run.true_velocity, machine.frictions)
-    return {
-        "hip": draw_axis(run, 0, subtitle),
-        "slide": draw_axis(run, 1, subtitle),
-        "details": draw_details(run, when, open_gate, machine.frictions[1], subtitle),
-    }
+def _figures(legs: Mapping[str, Draws]) -> dict[str, Figure]:
+    """Draw each leg; with two of them its name begins the pictures' names."""
+    made: dict[str, Figure] = {}
+    for leg, (machine, run, _) in legs.items():
+        subtitle = (
+            f"scenario {SCENARIO} through CAN frames, empty machine{of_leg(leg, legs)}, "
+            f"plant friction {machine.law.value}; grey: at rest"
+        )
+        when = marks(machine.settings.trainer.excite[SCENARIO])
+        open_gate = moving(run.true_velocity, machine.frictions)
+        own = f"{leg}_" if len(legs) > 1 else ""
+        made[f"{own}hip"] = draw_axis(run, 0, subtitle)
+        made[f"{own}slide"] = draw_axis(run, 1, subtitle)
+        made[f"{own}details"] = draw_details(run, when, open_gate, machine.frictions[1], subtitle)
+    return made
 
 
 def _delay_rows(found: tuple[Delay, Delay] | str) -> tuple[Row, ...]:
@@ -145,11 +154,13 @@ def _delay_rows(found: tuple[Delay, Delay] | str) -> tuple[Row, ...]:
     return (Row("delay of the effort", hip, slide, "ms", "ms"),)
 
 
-def _gait_rows(trials: Trials, begin: Begin) -> list[Row]:
-    made: list[Row] = []
+def _gait_rows(trials: Trials, begin: Begin) -> dict[str, list[Row]]:
+    made: dict[str, list[Row]] = {leg: [] for leg in trials.legs}
     for cadence_hz in CADENCES_HZ:
         title = f"gait at {cadence_hz:g} Hz"
-        trial = trials.gait(Situation(cadence_hz=cadence_hz), GAIT_S, begin(title, 1.0))
-        hip, slide = 100 * (1 - trial.moving[trial.judged].mean(axis=0))
-        made.append(Row(f"{title}: time at rest", float(hip), float(slide), "%", "%"))
+        situation = Situation(cadence_hz=cadence_hz)
+        for leg, trial in trials.gait_of_legs(situation, GAIT_S, begin(title, 1.0)).items():
+            hip, slide = 100 * (1 - trial.moving[trial.judged].mean(axis=0))
+            row = Row(f"{title}: time at rest", float(hip), float(slide), "%", "%")
+            made[leg].append(row)
     return made

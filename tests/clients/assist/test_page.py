@@ -14,14 +14,14 @@ from assisted import CADENCE_HZ, Answers, Gym, leg_controller
 from gaitd_names import Cause, Mode
 from kinds_of_patients import PATIENTS, STEADY
 from matplotlib.figure import Figure
-from sessions import elsewhere
+from sessions import CONFIGS, elsewhere
 
+from analysis import markdown
 from analysis.drawing import ESTIMATE, style, x_label
 from gaitd_lab.patients import Slacking, of_ability, resisting, spastic, tiring, weak
 
 DOCS = Path(__file__).parents[3] / "docs"
 PAGE = DOCS / "assist.md"
-BEGIN, END = "<!-- patients: begin -->\n", "<!-- patients: end -->"
 HEADER = (
     "patient",
     "strays at most, of these in the last three strides",
@@ -34,6 +34,13 @@ CAP = np.array([20.0, 150.0])
 NEAR_CAP = 0.05
 """Assist has settled where its peak stays as near to that of the last three strides, in caps."""
 TABLE_STRIDES = 9
+PAIRS = [
+    ("passive", "passive"),
+    ("all", "passive"),
+    ("weak at 0.55 to 0.75", "half"),
+    ("passive", "resisting"),
+]
+"""Patients of the right and of the left leg."""
 PICTURE = "assist.png"
 STRIDES = 8
 PROCESSES = 4
@@ -119,34 +126,51 @@ class Figures(NamedTuple):
     """Its peak in each stride, in caps."""
 
 
+def figures_of(walk):
+    record = walk.session.record
+    assert (record.mode, record.verdict.cause) == (Mode.GAIT, Cause.NONE)
+    peaks = walk.peaks() / CAP
+    moves = np.abs(peaks - peaks[-3:].mean(axis=0)) > NEAR_CAP
+    last = [np.max(np.flatnonzero(one), initial=-1) + 1 for one in moves.T]
+    strayed = [np.abs(walk.errors(begin)).max(axis=0) for begin in (0, TABLE_STRIDES - 3)]
+    means = [np.abs(one).mean(axis=0) / CAP for one in walk.assist_of_strides()[-3:]]
+    return Figures(np.array(strayed), np.array(last), np.mean(means, axis=0), peaks)
+
+
 def judged(model, law):
     def plan(gym):
         answers = Answers(leg_controller(('law = "estimate"', f'law = "{law}"')))
-        walk = gym.walk(model(), TABLE_STRIDES, answers)
-        record = walk.session.record
-        assert (record.mode, record.verdict.cause) == (Mode.GAIT, Cause.NONE)
-        peaks = walk.peaks() / CAP
-        moves = np.abs(peaks - peaks[-3:].mean(axis=0)) > NEAR_CAP
-        last = [np.max(np.flatnonzero(one), initial=-1) + 1 for one in moves.T]
-        strayed = [np.abs(walk.errors(begin)).max(axis=0) for begin in (0, TABLE_STRIDES - 3)]
-        means = [np.abs(one).mean(axis=0) / CAP for one in walk.assist_of_strides()[-3:]]
-        return Figures(np.array(strayed), np.array(last), np.mean(means, axis=0), peaks)
+        return figures_of(gym.walk(model(), TABLE_STRIDES, answers))
 
     return plan
 
 
-def row_of(name, law, figures):
+def judged_with_two_legs(names):
+    def plan(gym):
+        walks = gym.walk_legs([PATIENTS[name]() for name in names], TABLE_STRIDES)
+        return [figures_of(walk) for walk in walks]
+
+    return plan
+
+
+def row_of(words, figures):
     (hip, slide), (hip_late, slide_late) = figures.strayed
     strayed = f"{np.degrees(hip):.1f}°, {1e3 * slide:.0f} mm"
     late = f"{np.degrees(hip_late):.1f}°, {1e3 * slide_late:.0f} mm"
     mean, peak = 100.0 * figures.means, 100.0 * figures.peaks[-3:].max(axis=0)
     return (
-        f"{name}, law of the {law}",
+        words,
         f"{strayed}; {late}",
         "{}, {}".format(*figures.settled),
         f"{mean[0]:.1f} %, {mean[1]:.1f} %",
         f"{peak[0]:.0f} %, {peak[1]:.0f} %",
     )
+
+
+def write(place, rows):
+    """Fill a place of the page with a table."""
+    text = PAGE.read_text(encoding="utf-8")
+    PAGE.write_text(markdown.filled(text, {place: markdown.table(HEADER, rows)}), encoding="utf-8")
 
 
 @pytest.mark.thorough
@@ -158,11 +182,9 @@ def test_each_patient_under_both_laws_is_a_line_of_the_table(pytestconfig):
         for name, model in PATIENTS.items()
         for law in LAWS
     }
-    rows = [HEADER, ["---"] * len(HEADER), *(row_of(*key, one) for key, one in made.items())]
-    table = "".join(f"| {' | '.join(row)} |\n" for row in rows)
+    rows = [row_of(f"{name}, law of the {law}", one) for (name, law), one in made.items()]
     if pytestconfig.option.write_assist:
-        before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
-        PAGE.write_text(before + BEGIN + table + END + rest.partition(END)[2], encoding="utf-8")
+        write("patients", rows)
 
     for name in STEADY:
         by_estimate, by_stray = (made[name, law] for law in LAWS)
@@ -172,3 +194,27 @@ def test_each_patient_under_both_laws_is_a_line_of_the_table(pytestconfig):
             assert (by_estimate.peaks.max(axis=0) <= most).all(), name
     passive, before = (made["passive", law] for law in LAWS)
     assert (passive.strayed <= 1.05 * before.strayed).all()
+
+
+@pytest.mark.thorough
+@pytest.mark.timeout(3600)
+def test_each_leg_of_a_pair_is_a_line_of_the_table(pytestconfig):
+    """A patient is helped the same, whatever the other leg does."""
+    gym = Gym(config=CONFIGS / "two_legs.toml")
+    made = [(names, elsewhere(gym, judged_with_two_legs(names))) for names in PAIRS]
+    if pytestconfig.option.write_assist:
+        lines = [
+            row_of(f"{leg}: {names[index]}; {gym.legs[1 - index]}: {names[1 - index]}", pair[index])
+            for names, pair in made
+            for index, leg in enumerate(gym.legs)
+        ]
+        write("pairs", lines)
+
+    of_passive = [
+        one
+        for names, pair in made
+        for name, one in zip(names, pair, strict=True)
+        if name == "passive"
+    ]
+    for one in of_passive[1:]:
+        assert np.abs(one.peaks[-3:] - of_passive[0].peaks[-3:]).max() <= NEAR_CAP
