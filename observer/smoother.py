@@ -239,6 +239,7 @@ def smoothed(
             constants.known,
             (node[ACTED], node[ACTED + 1]),
             node[UNSURE_FRICTION:],
+            node[UNSURE_FRICTION:],
             SMOOTH_NET_STD,
             work[2 * SQUARE :],
             out[SMOOTH_UNSURE:],

@@ -351,7 +351,7 @@ def _consider(constants: Constants, m: LegMemory, dt_s: float, out: Vector) -> N
     acting = m.acting[0], m.acting[1]
     if m.event == STEPPED:
         over = friction_over_position(constants.options)
-        follow(model, over, variants, count, m.mean, dt_s, m.unsure_friction)
+        follow(model, over, variants, count, m.mean, dt_s, m.unsure_friction, m.taken_up)
     widen(
         model,
         variants,
@@ -359,6 +359,7 @@ def _consider(constants: Constants, m: LegMemory, dt_s: float, out: Vector) -> N
         constants.known,
         acting,
         m.unsure_friction,
+        m.taken_up,
         OUT_NET_STD,
         m.work,
         m.patient_errors,

@@ -82,6 +82,8 @@ class LegMemory(Protocol):
     """Efforts of the drives in the last step."""
     unsure_friction: Annotated[Vector, (2 * VARIANTS_MAX,)]
     """Error of friction by each considered parameter, hip then slide (considered.py)."""
+    taken_up: Annotated[Vector, (2 * VARIANTS_MAX,)]
+    """What the patient's estimate has taken up of each of these."""
     followed_effort: Pair
     """Efforts behind a low-pass, and their rates (transmission.py)."""
     followed_rate: Pair
@@ -197,7 +199,7 @@ def _begin(
         m.followed_effort[axis], m.followed_rate[axis] = m.efforts[0, axis], 0.0
         m.hidden_error[axis] = m.hidden_friction[axis] = m.hidden_net[axis] = 0.0
     for i in range(2 * VARIANTS_MAX):
-        m.unsure_friction[i] = 0.0
+        m.unsure_friction[i] = m.taken_up[i] = 0.0
     m.nis_mean = 2.0
     m.started = 1.0
     m.warm_up_cycles = WARM_UP_CYCLES

@@ -150,11 +150,24 @@ def test_net_is_as_sure_as_its_parts_together(walk):
         np.testing.assert_allclose(variance[moving], wide.net_std[moving, axis] ** 2, rtol=1e-6)
 
 
-def test_net_is_as_sure_as_before_where_only_friction_is_not(walk):
-    own = run(setup_with(), walk)
-    wide = run(setup_with(OTHERS["more friction at the hip"]), walk)
+def test_after_a_reversal_net_holds_what_the_patient_has_not_taken_up_of_an_error_of_friction(walk):
+    other = OTHERS["more friction at the hip"]
+    right, wide = run(setup_with(), walk), run(setup_with(other), walk)
+    wrong = run(setup_of(*other[:3], SHIPPED), walk)
 
-    np.testing.assert_array_equal(wide.net_std, own.net_std)
+    valid = (right.validity == Validity.OK) & (wrong.validity == Validity.OK)
+    rows = (walk.time_s > SETTLED_S) & valid.all(axis=1)
+    for found, told, close in (
+        (wrong.state[:, 6] - right.state[:, 6], wide.std[:, 6] ** 2 - right.std[:, 6] ** 2, 0.06),
+        (
+            wrong.net[:, 0] - right.net[:, 0],
+            wide.net_std[:, 0] ** 2 - right.net_std[:, 0] ** 2,
+            0.7,
+        ),
+    ):
+        size, added = np.abs(found[rows]), np.sqrt(np.maximum(told[rows], 0.0))
+        assert rms(added) == pytest.approx(rms(size), rel=0.1)
+        assert rms(added - size) < close * rms(size)
 
 
 def test_the_work_of_a_stride_is_wrong_by_what_its_sigma_says_of_a_parameter(walk):
