@@ -81,6 +81,7 @@ class Router:
             )
         )
         self.samples = defaultdict(list)
+        self._decoded = defaultdict(list)
         self.arrived = threading.Event()
         self._subscriber = self.session.declare_subscriber("7/**", self._receive)
         self._watch = self.session.liveliness().declare_subscriber(
@@ -94,9 +95,12 @@ class Router:
         self.arrived.set()
 
     def messages(self, topic):
+        """All so far; each is decoded once."""
         kind = KINDS.get(topic, "geometry_msgs/msg/WrenchStamped")
-        sent = list(self.samples[f"7/{topic}/{TOPICS[topic]}"])
-        return [ROS.deserialize_cdr(payload, kind) for payload, _ in sent]
+        decoded = self._decoded[topic]
+        for payload, _ in self.samples[f"7/{topic}/{TOPICS[topic]}"][len(decoded) :]:
+            decoded.append(ROS.deserialize_cdr(payload, kind))
+        return decoded
 
     def levels(self, name):
         said = [one for array in self.messages("diagnostics") for one in array.status]
