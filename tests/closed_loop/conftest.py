@@ -77,9 +77,20 @@ def warm_fast_position_gait(position_configs):
 
 
 @pytest.fixture(scope="session")
-def warm_generic_gait(tmp_path_factory):
-    """A gait at 0.25 Hz with the CiA-standard drives."""
-    return new_session(generic_drives(tmp_path_factory.mktemp("generic"))).walk(duration_s=8.0)
+def generic_configs(tmp_path_factory):
+    return generic_drives(tmp_path_factory.mktemp("generic"))
+
+
+@pytest.fixture(scope="session")
+def warm_generic_hold(generic_configs):
+    """Both axes hold with the CiA-standard drives, which go on holding without their master."""
+    return new_session(generic_configs).enable()
+
+
+@pytest.fixture(scope="session")
+def warm_generic_gait(generic_configs):
+    """A gait at 0.25 Hz with the same drives."""
+    return new_session(generic_configs).walk(duration_s=8.0)
 
 
 @pytest.fixture(params=["impedance", "position"])

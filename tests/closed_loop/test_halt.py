@@ -55,11 +55,6 @@ class ByHand:
 
 
 @pytest.fixture(scope="module")
-def warm_generic_hold(tmp_path_factory):
-    return new_session(generic_drives(tmp_path_factory.mktemp("generic"))).enable()
-
-
-@pytest.fixture(scope="module")
 def warm_generic_position_hold(tmp_path_factory):
     configs = generic_drives(tmp_path_factory.mktemp("generic"))
     file, before, after = POSITION_GUIDANCE

@@ -2,7 +2,7 @@
 
 import pytest
 from gaitd_names import Mode, Outcome, RequestKind
-from sessions import generic_drives, new_session, restarted
+from sessions import restarted
 from wire import NODES
 
 MS = 1_000_000
@@ -32,12 +32,6 @@ def watch_power(session):
 
     world.advance_to = advance_to
     return off_ns
-
-
-@pytest.fixture(scope="module")
-def warm_generic_hold(tmp_path_factory):
-    """Drives that go on holding when their master is gone."""
-    return new_session(generic_drives(tmp_path_factory.mktemp("generic"))).enable()
 
 
 @pytest.mark.parametrize("core_is_new", [False, True], ids=["held", "held, by a core before"])

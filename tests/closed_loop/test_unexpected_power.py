@@ -10,7 +10,7 @@ import struct
 import pytest
 from gaitd_names import Cause, EventCode, Mode, Outcome, RequestKind, StopCategory
 from reports import verdict_of
-from sessions import generic_drives, new_session, reported, restarted
+from sessions import new_session, reported, restarted
 from wire import SYNC, change_what_drives_hear, change_what_drives_say
 
 from daemon.core.safety.stop_sequence import Step
@@ -40,12 +40,6 @@ def take_over(session, *, permille=500):
     write(session, 0x6071, 0, permille, 16)
     for word in (0x06, 0x07, 0x0F):
         write(session, 0x6040, 0, word, 16)
-
-
-@pytest.fixture(scope="module")
-def warm_generic_hold(tmp_path_factory):
-    """Drives that go on holding when their master is gone."""
-    return new_session(generic_drives(tmp_path_factory.mktemp("generic"))).enable()
 
 
 def ready(session):

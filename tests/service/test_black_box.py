@@ -5,8 +5,9 @@ import signal
 from pathlib import Path
 
 import pytest
+from command_line import gaitd
 from gaitd_names import Cause, Mode
-from processes import Service, gaitd
+from processes import Service
 
 from daemon.ipc.ring_clip import FOLDER, clip_files
 from daemon.ipc.transport import PREVIOUS_RING_NAME, RING_NAME
@@ -39,24 +40,24 @@ def test_a_stop_by_the_hand_switch_is_kept_and_told_and_its_requests_are_in_the_
     assert file.kept.active
     assert file.kept.first_seq < file.kept.stop_seq <= stopped.seq < file.kept.last_seq
 
-    shown = gaitd("blackbox", "show", str(file.path))
-    assert shown.returncode == 0, shown.stderr
+    shown = gaitd("blackbox", "show", file.path)
+    assert shown.code == 0, shown.err
     for words in ("hand_switch_open", "right/hip", "gait", "hand switch open", "quick stop active"):
-        assert words in shown.stdout
+        assert words in shown.out
 
-    replayed = gaitd("replay", str(file.path), "--output", str(walking.folder / "out.csv"))
-    assert replayed.returncode == 0, replayed.stderr
-    assert file.core_boot_id in replayed.stdout
-    assert "cause        hand_switch_open" in replayed.stdout
+    replayed = gaitd("replay", file.path, "--output", walking.folder / "out.csv")
+    assert replayed.code == 0, replayed.err
+    assert file.core_boot_id in replayed.out
+    assert "cause        hand_switch_open" in replayed.out
 
-    listed = json.loads(walking.ask("blackbox", "--json").stdout)
+    listed = json.loads(walking.ask("blackbox", "--json").out)
     assert file.path.name in {Path(one["file"]).name for one in listed}
 
     assert walking.request("enable", client="another display")["outcome"] == "refused"
     assert walking.request("stop", client="a carer")["outcome"] == "done"
     walking.wait(lambda: "a carer" in (state(walking) / "requests.jsonl").read_text(), 20)
     asked = walking.ask("blackbox", "requests", "--json", "--last", "100000")
-    said = asked.stdout.splitlines()
+    said = asked.out.splitlines()
     lines = [json.loads(line) for line in said]
     answers = [(one["client"], one["name"], one["outcome"]) for one in lines if "outcome" in one]
     assert ("tester", "mode", "done") in answers
@@ -74,7 +75,7 @@ def test_a_core_that_is_killed_leaves_its_last_seconds_to_the_gateway(walking):
     file = kept(walking, boot_id, "core_silent")
     assert file.kept.active
     assert file.kept.last_seq == walking.newest().seq
-    assert gaitd("blackbox", "show", str(file.path)).returncode == 0
+    assert gaitd("blackbox", "show", file.path).code == 0
 
 
 def test_when_both_are_killed_the_next_gateway_keeps_the_ring_that_it_finds(walking):

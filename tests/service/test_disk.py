@@ -30,7 +30,7 @@ RING_AND_A_LITTLE = "24m"
 
 
 def refused(service, part="core"):
-    ended = service.ask(part)
+    ended = service.ran(part)
     assert ended.returncode == CONFIGURATION_ERROR, ended.stderr
     assert "Traceback" not in ended.stderr
     assert ended.stderr.startswith("configuration error: ")

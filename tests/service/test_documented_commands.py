@@ -109,7 +109,7 @@ def test_every_command_is_run_or_has_a_reason():
 
 @pytest.fixture(scope="module")
 def session():
-    with virtual_trainer(pace=3.0) as trainer:
+    with virtual_trainer() as trainer:
         folder = trainer.config.parent
         shutil.copy(trainer.config, folder / "trainer.toml")
         with lzma.open(PROJECT / "gaitd/sample.ring.xz") as sample:

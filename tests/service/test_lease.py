@@ -91,7 +91,7 @@ def test_the_controller_of_the_document_steers_and_leaves_a_leg_that_is_held(ben
     lapses_before = bench.service.enable().assist.lapse_count
     client = bench.steering(12.0)
     steering = bench.service.request("status")
-    screen = bench.service.ask("status").stdout
+    screen = bench.service.ask("status").out
     said, trouble = client.communicate(timeout=30)
 
     assert client.returncode == 0, trouble
@@ -132,7 +132,7 @@ def test_a_stop_is_for_everybody_while_a_controller_steers(bench):
     stopped = bench.service.ask("stop")
     record = bench.service.until(lambda record: record.mode == Mode.FAULT, 10)
 
-    assert stopped.returncode == 0
+    assert stopped.code == 0
     assert record.verdict.cause == Cause.STOP_REQUESTED
     assert bench.service.request("status")["safety"]["lease_holder"] is None
 

@@ -100,8 +100,8 @@ def test_nonsense_in_ready_enables_nothing_moves_nothing_and_ends_no_process(ser
 
 def test_nonsense_while_walking_stops_the_machine_and_ends_no_process(service, talk):
     service.until(lambda record: record.mode == Mode.READY, 40)
-    assert service.ask("enable").returncode == 0
-    assert service.ask(*GAIT).returncode == 0
+    assert service.ask("enable").code == 0
+    assert service.ask(*GAIT).code == 0
 
     talk()
 

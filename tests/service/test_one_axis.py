@@ -49,19 +49,19 @@ def service():
 def test_an_axis_that_does_not_exist_is_refused_with_those_that_do(service):
     refused = service.ask("reference", "left/knee")
 
-    assert refused.returncode == 1
-    assert "right/hip, right/slide" in refused.stdout
+    assert refused.code == 1
+    assert "right/hip, right/slide" in refused.out
 
 
 def test_a_sign_is_proven_kept_and_found_again_by_the_next_start(service):
     refused = service.ask("enable")
-    assert refused.returncode == 1
-    assert "sign is not proven" in refused.stdout
+    assert refused.code == 1
+    assert "sign is not proven" in refused.out
 
     proven = service.ask("commission", "hip", "--witnessed")
-    assert proven.returncode == 0, proven.stdout + proven.stderr
-    assert "the thigh is first raised" in proven.stderr
-    assert "moves with its torque: pushed forth" in proven.stdout
+    assert proven.code == 0, proven.out + proven.err
+    assert "the thigh is first raised" in proven.err
+    assert "moves with its torque: pushed forth" in proven.out
     service.until(lambda record: record.drives[0].sign_proven)
 
     service.kill("core")
@@ -88,7 +88,7 @@ def test_acceptance_records_are_written_while_the_operator_does_what_is_asked(se
     }
     said = []
     # The drives have lost the heartbeat of the core that was killed.
-    service.wait(lambda: service.ask("reset").returncode == 0, 20)
+    service.wait(lambda: service.ask("reset").code == 0, 20)
     service.until(lambda record: record.mode == Mode.READY)
 
     with subprocess.Popen(command, stdout=PIPE, stderr=PIPE, text=True) as asked:
@@ -111,7 +111,7 @@ def test_acceptance_reads_the_drives_of_a_running_service_and_moves_nothing_if_o
     service, tmp_path
 ):
     """Its motions are those of tests/gaitd/commissioning, and at night those of the test above."""
-    service.wait(lambda: service.ask("reset").returncode == 0, 20)
+    service.wait(lambda: service.ask("reset").code == 0, 20)
     service.until(lambda record: record.mode == Mode.READY)
     with service.listener() as bus:
         bus.send(can.Message(arbitration_id=SLIDE_SDO, data=NO_RAMP, is_extended_id=False))
@@ -119,8 +119,8 @@ def test_acceptance_reads_the_drives_of_a_running_service_and_moves_nothing_if_o
 
     asked = service.ask("commission", "--report", str(tmp_path), "--yes", "--json")
 
-    assert asked.returncode == 1, asked.stderr
-    drives = json.loads(asked.stdout)
+    assert asked.code == 1, asked.err
+    drives = json.loads(asked.out)
     assert [(drive["drive"], drive["failed"]) for drive in drives] == [
         ("right/hip", 0),
         ("right/slide", 1),

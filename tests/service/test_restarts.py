@@ -43,7 +43,7 @@ def cycles_later(service, count=SHOWN_CYCLES):
 
 def said_of(service, part):
     """What a second process of this kind says at its end, and its exit code."""
-    ended = service.ask(part)
+    ended = service.ran(part)
     return ended.returncode, ended.stderr
 
 

@@ -352,7 +352,7 @@ def test_a_port_that_is_in_use_is_a_configuration_error_that_names_it_and_distur
     text = stranger.config.read_text()
     stranger.config.write_text(text.replace(str(stranger.zenoh_port), str(walking.zenoh_port)))
     with Watch(walking) as seen:
-        ended = stranger.ask("gateway")
+        ended = stranger.ran("gateway")
         records = seen.records_since()
 
     assert ended.returncode == CONFIGURATION_ERROR

@@ -28,7 +28,7 @@ QUICKER = {"gait.announce_s": 0.5, "gait.ramp_strides": 1}
 class LongService(VirtualTrainer):
     """Virtual drives, core and gateway that live for many tests, and compute nothing in between."""
 
-    ask = Service.ask
+    ask, ran = Service.ask, Service.ran
 
     def __init__(
         self, folder: Path, template: str = "demo.toml", *, wall_clock: bool = False

@@ -8,6 +8,8 @@ import sys
 import tomllib
 from pathlib import Path
 
+import command_line
+
 from gaitd_lab.processes import GAITD
 from gaitd_lab.testing import service
 
@@ -27,9 +29,13 @@ class Service(service.Service):
         edits = {template: its_bus(configs / template)}
         super().__init__(folder, configs, trainer_file=template, edits=edits, pace=pace)
 
-    def ask(self, *words: str) -> subprocess.CompletedProcess[str]:
-        """As a person does: by the command line."""
-        return gaitd(*words, "--config", str(self.config))
+    def ask(self, *words: str) -> command_line.Ended:
+        """As a person does: by the command line, without a process of its own."""
+        return command_line.gaitd(*words, "--config", self.config)
+
+    def ran(self, part: str) -> subprocess.CompletedProcess[str]:
+        """Run a part as a process of its own to its end."""
+        return gaitd(part, "--config", str(self.config))
 
 
 def gaitd(*words: str, timeout: float = 90) -> subprocess.CompletedProcess[str]:

@@ -9,7 +9,7 @@ import signal
 import sys
 import traceback
 import uuid
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -32,7 +32,7 @@ from daemon.ipc.report import Event
 from daemon.ipc.transport import CoreChannel, RingHeader
 from daemon.system.bus_choice import bus_of, choose_bus
 from daemon.system.journal import Journal
-from daemon.system.lock import directory_errors, hold
+from daemon.system.lock import directory_errors
 from daemon.system.sd_notify import Notifier
 from drives.bringup.bus_load import BusLoad, bus_load
 from drives.canopen.bus import Bus
@@ -42,17 +42,6 @@ from observer.jit import compiling, is_cached
 PART: Final = "core"
 
 _DAEMON: Final = Path(__file__).resolve().parents[2]
-
-
-@contextlib.contextmanager
-def _directories(settings: Settings) -> Generator[None]:
-    """Create and lock both directories before any file in them is used."""
-    config = settings.file.path
-    with (
-        hold(config, "paths.runtime", settings.runtime, PART),
-        hold(config, "paths.state", settings.state, PART),
-    ):
-        yield
 
 
 def _state_file(settings: Settings) -> StateFile:
@@ -107,29 +96,16 @@ def run_core(
     """Run the core until it is requested to end; all axes are at rest and without power then.
 
     Args:
-        settings: the loaded configuration.
+        settings: the loaded configuration; its directories exist, and the caller holds their locks.
         notify_address: notify socket of systemd.
         log: journal for the core's messages.
         begun: called when the loop begins.
         has_watchdog: systemd monitors the process by the computer's clock.
 
     Raises:
-        ConfigError: a directory cannot be written, is full, or another core holds it.
+        ConfigError: a directory cannot be written, or is full.
     """
     signals = ShutdownSignals()
-    with _directories(settings):
-        return _run(settings, notify_address, log, signals, begun, has_watchdog=has_watchdog)
-
-
-def _run(
-    settings: Settings,
-    notify_address: str | None,
-    log: Journal,
-    signals: ShutdownSignals,
-    begun: Callable[[], None],
-    *,
-    has_watchdog: bool,
-) -> ExitCode:
     is_simulated = settings.trainer.bus.interface == SIMULATED
     place = bus_of(settings.file)
     bus = choose_bus(place, name=PART, is_core=True, wall_clock_only=has_watchdog)

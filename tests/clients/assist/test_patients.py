@@ -37,11 +37,6 @@ SETTLED = 3
 
 
 @pytest.fixture(scope="session")
-def warm_gym():
-    return Gym()
-
-
-@pytest.fixture(scope="session")
 def warm_lugre_gym():
     return Gym(law=FrictionLaw.LUGRE)
 

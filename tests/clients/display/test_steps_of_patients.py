@@ -1,7 +1,7 @@
 """What the page says of patients who walk the shipped gait, on the real observer and core."""
 
 import pytest
-from assisted import Answers, Gym, leg_controller
+from assisted import Answers, leg_controller
 from gaitd_display.walk import OwnSteps, word_of
 from gaitd_display.words import Word
 from gaitd_session import Band
@@ -11,11 +11,6 @@ from gaitd_lab.patients import of_ability
 
 STRIDES = 4
 BAND = Band(0.4, 0.7)
-
-
-@pytest.fixture(scope="session")
-def warm_gym():
-    return Gym()
 
 
 class Watched(Answers):

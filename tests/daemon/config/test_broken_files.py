@@ -7,6 +7,7 @@ stderr must then say.
 import socket
 import subprocess
 import sys
+from contextlib import nullcontext
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
@@ -14,6 +15,7 @@ import pytest
 from config_files import CONFIGS, Change, changed, copied
 
 from daemon.preflight.load import ConfigError, load
+from daemon.system.lock import hold
 from gaitd.__main__ import main
 
 
@@ -954,6 +956,8 @@ def started(monkeypatch) -> list[object]:
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")
     monkeypatch.setenv("JOURNAL_STREAM", "")
     monkeypatch.setattr("daemon.core.runtime.process.run_core", run_core)
+    monkeypatch.setattr("daemon.ipc.starting.said", lambda _: nullcontext(lambda: None))
+    monkeypatch.setattr("daemon.system.lock.hold", lambda *_: nullcontext())
     return settings
 
 
@@ -979,6 +983,24 @@ def test_the_core_starts_with_every_shipped_configuration(monkeypatch, capfd, st
     assert ended(monkeypatch, capfd, "check", "--config", config) == (0, "")
     assert ended(monkeypatch, capfd, "core", "--config", config) == (0, "")
     assert len(started) == 1
+
+
+@pytest.mark.parametrize(("name", "key"), [("run", "paths.runtime"), ("state", "paths.state")])
+def test_a_directory_that_another_core_holds_is_refused_before_the_files_are_checked(
+    tmp_path, monkeypatch, capfd, name, key
+):
+    demo = changed(
+        copied(tmp_path),
+        Change("demo.toml", '"/dev/shm/gaitd-demo"', f'"{tmp_path}/run"'),
+        Change("demo.toml", '"../out/demo/state"', f'"{tmp_path}/state"'),
+    )
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")
+    monkeypatch.setattr("daemon.preflight.acceptance.accepted", lambda _: pytest.fail("checked"))
+
+    with hold(demo, key, tmp_path / name, "core"):
+        code, said = ended(monkeypatch, capfd, "core", "--config", str(demo))
+
+    assert (code, f"{key} = " in said, "a gaitd core with pid" in said) == (2, True, True)
 
 
 def run_of(tmp_path, endpoint, *changes):
