@@ -95,6 +95,15 @@ def test_a_fault_does_what_is_right_in_this_mode(part, warm_process):
     assert not wrong, "\n".join(["", *wrong])
 
 
+def test_a_fault_of_one_axis_of_two_legs_stops_all_four_at_the_same_time(warm_process):
+    axes = ("right/hip", "right/slide", "left/hip", "left/slide")
+    (played,) = play_part(DEMO.with_name("two_legs.toml"), cells(("sto",), ("hold",), axes[3:]), 1)
+
+    assert broken(played) == []
+    assert (played.drive, played.together) == ("left/slide", True)
+    assert set(played.lost_power) >= set(axes[:3])
+
+
 QUICK_REVERSALS = ("gait_impedance", 2)
 """Mode and seed of which `make test` plays the reversals."""
 

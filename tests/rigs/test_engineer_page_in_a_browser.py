@@ -87,6 +87,7 @@ def tab(chromium, site, player):
 
 
 one_leg = pytest.mark.parametrize("trainer", LEGS[:1], indirect=True, ids=len)
+two_legs = pytest.mark.parametrize("trainer", LEGS[1:], indirect=True, ids=len)
 
 
 def speak_of(trainer, number):
@@ -183,6 +184,21 @@ SHEETS = {
     ),
 }
 """Each picture: states with scheme and size, columns, and width of each."""
+NOT_WHOLE = """(() => {
+    const edge = document.querySelector('#mechanism').getBoundingClientRect();
+    const texts = [...document.querySelectorAll('#mechanism .over.value, #readouts div')];
+    const boxes = texts.map((text) => text.getBoundingClientRect());
+    const meet = (a, b) =>
+        a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
+    return texts.filter((_, one) => {
+        const box = boxes[one];
+        const isOut = box.left < edge.left || box.right > edge.right || box.bottom > edge.bottom;
+        const limbs = [...document.querySelectorAll('#mechanism .fig-leg')];
+        const isNumber = texts[one].matches('#readouts div');
+        return isOut || (isNumber && limbs.some((limb) => meet(box, limb.getBoundingClientRect())));
+    }).map((text) => text.textContent);
+})()"""
+"""Numbers that are cut off at the edge of the mechanism, or lie over a leg."""
 
 
 @pytest.mark.thorough
@@ -214,6 +230,35 @@ def test_the_states_of_the_guide_are_pictures(tab, player, trainer, pictures, mo
             shots[name, scheme, (width, height)] = tab.page.screenshot()
     for sheet, (names, columns, width) in SHEETS.items():
         contact_sheet(pictures / f"{sheet}.png", [shots[one] for one in names], columns, width)
+
+
+@pytest.mark.thorough
+@two_legs
+def test_two_legs_are_pictures(tab, player, pictures, monkeypatch):
+    monkeypatch.setattr(rig, "STRIDE", STRIDE_CYCLES)
+    player.play(**PICTURED["gait"][0])
+    tab.word("moving")
+    tab.page.wait_for_timeout(CURVES_MS)
+    for name, (width, height), wide in (("tablet", TABLET, 480), ("phone", PHONE, 320)):
+        tab.page.set_viewport_size({"width": width, "height": height})
+        tab.page.wait_for_timeout(600)
+        tab.page.evaluate("window.scrollTo(0, 0)")
+        whole = [tab.page.screenshot()]
+        tab.page.evaluate("document.querySelector('#drives').scrollIntoView()")
+        tab.page.wait_for_timeout(300)
+        whole.append(tab.page.screenshot())
+        contact_sheet(pictures / f"engineer_two_legs_{name}.png", whole, columns=2, width=wide)
+
+
+@two_legs
+def test_the_numbers_of_two_legs_are_whole_on_a_phone(tab, player):
+    """The page scrolls there; the mechanism is at its top."""
+    player.play(**SCENES["walking"])
+    tab.word("moving")
+    tab.page.set_viewport_size({"width": PHONE[0], "height": PHONE[1]})
+    tab.page.wait_for_timeout(600)
+
+    assert tab.page.evaluate(NOT_WHOLE) == []
 
 
 @one_leg

@@ -467,6 +467,17 @@ def test_the_states_of_the_guide_are_pictures(chromium, pictures, tmp_path):
         close(tab)
 
 
+@pytest.mark.thorough
+def test_two_legs_are_a_picture(chromium, pictures, tmp_path):
+    trainer, told = bench.MessageTrainer(("right", "left")), Told()
+    with served(trainer, tmp_path, told) as site, rig.Player(trainer) as player:
+        tab = rig.Tab(chromium, site, rig.SHOTS, size=(820, 1180))
+        tab.page.emulate_media(color_scheme="light", reduced_motion="reduce")
+        shots = [shot_of(tab, told, player, name) for name in ("good_of_both", "more")]
+        contact_sheet(pictures / "patient_two_legs.png", shots, columns=2, width=480)
+        close(tab)
+
+
 def shot_of(tab, told, player, name):
     """A picture of the page once it has settled in a state."""
     if name == "no_signal":

@@ -333,6 +333,21 @@ def test_the_states_of_the_guide_are_pictures(chromium, desk, pictures, tmp_path
     paper.close()
 
 
+@pytest.mark.thorough
+def test_two_legs_are_a_picture(desk, pictures):
+    tab, player = desk
+    login(tab)
+    player.play(**SCENES["walking"])
+    tab.until("document.querySelectorAll('.path .mark').length > 8")
+    shots = []
+    for size in ((820, 1180), (390, 844)):
+        show(tab, size)
+        tab.page.wait_for_timeout(300)
+        shots.append(tab.page.screenshot())
+    contact_sheet(pictures / "therapist_two_legs_tablet.png", shots[:1], columns=1, width=640)
+    contact_sheet(pictures / "therapist_two_legs_phone.png", shots[1:], columns=1, width=320)
+
+
 @one_leg
 def test_a_trainer_with_one_leg_fills_the_page(desk):
     tab, player = desk

@@ -179,7 +179,11 @@ class Player:
             power_w = scene["top_w"] * math.sin(2 * math.pi * phase) ** 2
             scene = {"mode": Mode.GAIT, "stage": Stage.PLAYING, "phase": phase, "power_w": power_w}
             turn = math.cos(2 * math.pi * phase)
-            scene["pose"] = (0.25 - 0.3 * turn, 0.5 - 0.35 * turn)
+            near, far = (
+                (0.25 - 0.3 * turn, 0.5 - 0.35 * turn),
+                (0.25 + 0.3 * turn, 0.5 + 0.35 * turn),
+            )
+            scene["pose"] = (near, far)[: len(self.trainer.legs)]
         self._count += 1
         self.trainer.speak_of_health()
         self.trainer.cycles(scene.pop("mode"), **scene)

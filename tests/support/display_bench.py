@@ -227,14 +227,15 @@ class MessageTrainer:
         fresh=True,
         count=1,
     ):
-        """Cycles of 10 ms, each with the messages of its kind."""
+        """Cycles of 10 ms, each with the messages of its kind; one pose, or one for each leg."""
+        poses = pose if isinstance(pose[0], tuple) else (pose,) * len(self.legs)
         for _ in range(count):
             self.clock.ns += 10_000_000
             self.cycle += 1
             head = {"core_boot_id": "boot", "cycle": self.cycle, "mode": str(mode)}
             head["sample_time_ns"] = BEGAN_NS + self.clock.ns
             powered = OFF if mode in UNPOWERED else "operation_enabled"
-            for leg in self.legs:
+            for leg, of_it in zip(self.legs, poses, strict=True):
                 of_leg = {**head, "leg": leg, "gait_phase_ratio": phase}
                 hip, slide = {"validity": validity}, {"validity": validity}
                 if validity != "bad":
@@ -245,13 +246,13 @@ class MessageTrainer:
                     slide |= {"patient": 16 * power_w, "patient_std": 5.0}
                 activity = {"patient_power_w": power_w, "hip": hip, "slide": slide}
                 self.send(f"{leg}/activity", filled(Activity, **of_leg, **activity))
-                hip, slide = hip | {"position": pose[0]}, slide | {"position": pose[1]}
+                hip, slide = hip | {"position": of_it[0]}, slide | {"position": of_it[1]}
                 if validity == "ok" and power_w is not None:
                     hip |= {"friction": 3.0, "friction_std": 0.2}
                     hip |= {"tremor_frequency_hz": 5.0, "tremor_amplitude": 2.5}
                     slide |= {"friction": -40.0, "friction_std": 5.0}
                 self.send(f"{leg}/estimate", filled(wire.Estimate, **of_leg, hip=hip, slide=slide))
-                for axis, position in zip(("hip", "slide"), pose, strict=True):
+                for axis, position in zip(("hip", "slide"), of_it, strict=True):
                     drive = {"name": f"{leg}/{axis}", "position": position, "fresh": fresh}
                     drive |= {"statusword": "0x1237" if powered != OFF else "0x1250"}
                     drive |= {"hand_switch_closed": switch, "effort": 5.5}
