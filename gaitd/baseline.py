@@ -18,7 +18,7 @@ def command(
     leg: Annotated[str | None, typer.Option(help="of a recording with two legs")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Learn the errors of the robot file from a passive run, for `baseline` of a [[leg]]."""
+    """Learn the errors of the robot file from a passive run, as a file for a leg's `baseline`."""
     from analysis.recording import RecordingError
 
     with errors_in_one_line(RecordingError), json_on_stdout(as_json) as write:
