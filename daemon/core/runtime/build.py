@@ -207,12 +207,9 @@ def _leg(
 ) -> Leg:
     parameters = leg_parameters(settings.robot)
     hip_friction, slide_friction = friction_parameters(settings.robot)
+    tuning = observer_tuning(settings.robot)
     observer = LegObserver(
-        parameters,
-        hip_friction,
-        slide_friction,
-        observer_tuning(settings.robot),
-        considered(settings.robot),
+        parameters, hip_friction, slide_friction, tuning, considered(settings.robot)
     )
     trainer = settings.trainer
     rules = tuple(
@@ -231,6 +228,8 @@ def _leg(
             LegSmoother(observer),
             StrideCounter(),
             (hip_friction, slide_friction),
+            tuning.friction_over_position,
+            tuning.effort_offset,
             frictional(settings.robot),
         ),
         passive=passive.from_file(drives.baseline),
