@@ -98,6 +98,8 @@ class Observers:
     """How friction rises along hip and slide."""
     effort_offset: tuple[float, float] = (0.0, 0.0)
     """What the drives show at no effort, N·m and N."""
+    slope_std: tuple[float, float] | None = None
+    """How sure `over` is of an empty machine, 1/rad and 1/m; None with a patient."""
     frictional: tuple[bool, ...] = ()
     """Which of the considered parameters are of friction."""
 
