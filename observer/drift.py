@@ -19,6 +19,7 @@ import math
 from typing import Final, NamedTuple
 
 from observer.mechanism.friction import FrictionParameters
+from observer.quantities import Effort, Position, Speed
 
 MEMORY_S: Final = 20.0
 """Time constant, in time of motion: weights fall to 1/e."""
@@ -45,7 +46,7 @@ class Drift(NamedTuple):
     product_s: float = 0.0
     square_s: float = 0.0
     variance_s: float = 0.0
-    """Of the published estimate."""
+    """Variance of the published estimate."""
     place_s: float = 0.0
     place_square_s: float = 0.0
     along_place_s: float = 0.0
@@ -59,12 +60,10 @@ NO_DRIFT: Final = Drift()
 class Sample(NamedTuple):
     """A valid estimate of one axis."""
 
-    place: float
-    """rad or m."""
-    speed: float
-    patient: float
-    """N m or N."""
-    patient_std: float
+    place: Position
+    speed: Speed
+    patient: Effort
+    patient_std: Effort
 
 
 def updated(drift: Drift, f: FrictionParameters, sample: Sample, dt_s: float) -> Drift:

@@ -118,7 +118,7 @@ BRISTLE_KEYS: Final = KEYS[:LAW_SIZE][BRISTLES], KEYS[LAW_SIZE:SPRINGS][BRISTLES
 SPRING_SCALE: Final = ((20.0, 5.0, 0.2), (100.0, 30.0, 4.0))
 """Steps of stiffness, effort and inertia comparable to a free step of 1 elsewhere."""
 SLOPE_SCALE: Final = 0.6
-"""The same of a slope, 1/rad or 1/m: half of it is what a machine that nobody measured may have."""
+"""The same of a slope, 1/rad or 1/m: a machine that was not measured may have half of it."""
 SMALLEST: Final = 1e-9
 HUMP_MIN_RATIO: Final = 1e-3
 """Over the Coulomb level: initial hump of a law given without one."""

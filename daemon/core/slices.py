@@ -113,7 +113,7 @@ class Advice(Struct, frozen=True):
 
     friction: bool = False
     offset: bool = False
-    """Of an empty machine alone, as `slope`."""
+    """Told of an empty machine alone, as `slope`."""
     slope: bool = False
 
 
