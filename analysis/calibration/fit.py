@@ -253,12 +253,17 @@ def fit(
         frame: of the initial file.
         motion: the recording.
         progress: called with the misfit (minus log likelihood per sample) after each step.
-        near: a fit of another law to the same rows: the only place where the search begins.
+        near: a fit of another law, or of more quantities, to the same rows: the only place where
+            the search begins.
         kept: quantities that keep the file's values, with the reasons.
     """
     likelihood = Likelihood(frame, motion, ~motion.held_out)
     reasons = _fixed(frame, motion) | dict(kept)
-    laws = [_with_initial_noise(frame, regressed(frame, motion, hump)) for hump in START_HUMPS]
+    bristled = any(frame.bristled(axis) for axis in range(2))
+    laws = [
+        _back(frame, _with_initial_noise(frame, regressed(frame, motion, hump)), kept)
+        for hump in START_HUMPS
+    ]
     centre = laws[0]
 
     def walk(
@@ -288,17 +293,19 @@ def fit(
             free[NOISE:known] = noise_free[NOISE:known]
             ends.append(walk(best_start(likelihood, free, motion), ends))
     else:
-        free = frame.free(_with_law_of(frame, near.natural))
-        found = Likelihood(near.frame, motion, ~motion.held_out)
-        free_near = near.frame.free(near.natural)
-        known_end = _End(free_near, found.surprises(free_near).loss, 0)
-        ends.append(walk(best_start(likelihood, free, motion), [known_end]))
+        free = _back(frame, frame.free(_with_law_of(frame, near.natural)), kept)
+        known_ends: list[_End] = []
+        if bristled:  # of no use where they explain less than another law
+            found = Likelihood(near.frame, motion, ~motion.held_out)
+            free_near = near.frame.free(near.natural)
+            known_ends.append(_End(free_near, found.surprises(free_near).loss, 0))
+        ends.append(walk(best_start(likelihood, free, motion), known_ends))
     first = min(ends, key=lambda end: end.loss)
     fixed_count = len(reasons)
     identified, cov = _identified(fine, walk_fine(first.free), reasons, walk_fine)
     free = identified.free
     natural = frame.from_free(free)
-    if any(frame.bristled(axis) for axis in range(2)):
+    if bristled:
         rough = free  # bristles are too stiff for a rough solution to be one of the same law
     else:
         rough = first.free if len(reasons) == fixed_count else walk(free).free

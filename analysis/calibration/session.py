@@ -195,7 +195,8 @@ def calibrate(
     rows = motion.held_out if other is None else np.ones(len(judged.time_s), dtype=np.bool_)
     fitted = _fit(robot, robot, motion, progress)
     if kept := _as_good_without(fitted, motion, progress, judged, rows):
-        fitted = _fit(robot, robot, motion, progress, kept=kept)
+        rival = fitted.rival
+        fitted = replace(_fit(robot, robot, motion, progress, fitted, kept), rival=rival)
     laws = [
         _Law(robot, old, like_fitted(old, fitted.natural, motion)),
         _Law(with_values(robot, fitted), fitted.frame, fitted.natural),

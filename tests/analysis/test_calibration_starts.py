@@ -25,10 +25,11 @@ from typer.testing import CliRunner
 
 from analysis.calibration import fit, session
 from analysis.calibration.advice import advice
+from analysis.calibration.motion import prepare
 from analysis.calibration.page import tables
 from analysis.calibration.process_noise import process_noise, with_process_noise
-from analysis.calibration.quantities import OFFSETS
-from analysis.calibration.session import Calibration, calibrate
+from analysis.calibration.quantities import OFFSETS, SLOPE_SCALE, SLOPES, frame_of
+from analysis.calibration.session import Calibration, calibrate, middle_of
 from analysis.replay import Source, estimate, read
 from daemon.config.edits import replaced
 from daemon.config.settings import Robot
@@ -151,6 +152,36 @@ def test_two_optima_that_explain_a_recording_equally_well_are_refused(run, tmp_p
     assert "two sets of values explain this recording equally well" in why
     assert "slide coulomb" in why
     assert not list(tmp_path.glob("*.robot.toml"))
+
+
+def test_a_quantity_that_is_kept_has_the_file_s_value_in_every_search(run, monkeypatch):
+    robot = one_axis_file(coulomb_n=14.0, viscous_n_s_per_m=260.0, mass_kg=95.0)
+    robot = replaced(robot, {"friction_over_position.slide.slope_per_m": 0.1})
+    motion = prepare([run.recording])
+    searched = []
+
+    def stays(search, x, steps_max):
+        searched.append(search.whole(x)[SLOPES[1]] * SLOPE_SCALE)
+        return fit._End(search.whole(x), 0.0, 1)
+
+    monkeypatch.setattr(fit, "_walk", stays)
+    monkeypatch.setattr(fit, "best_start", lambda _, free, motion: free)
+
+    def searches(near=None, kept=()):
+        searched.clear()
+        made = fit.fit(
+            frame_of(robot, middle_of(motion)),
+            motion,
+            lambda *_: None,
+            near,
+            dict.fromkeys(kept, "x"),
+        )
+        return made, set(np.round(searched, 9))
+
+    free, begun = searches()
+    assert 0.1 not in begun
+    assert searches(kept=[SLOPES[1]])[1] == {0.1}
+    assert searches(free, [SLOPES[1]])[1] == {0.1}
 
 
 def emps(config) -> Path | None:
