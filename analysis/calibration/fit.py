@@ -305,10 +305,10 @@ def fit(
     identified, cov = _identified(fine, walk_fine(first.free), reasons, walk_fine)
     free = identified.free
     natural = frame.from_free(free)
-    if bristled:
-        rough = free  # bristles are too stiff for a rough solution to be one of the same law
-    else:
-        rough = first.free if len(reasons) == fixed_count else walk(free).free
+    # Bristles are too stiff for a rough solution to be one of the same law.
+    rough = free if bristled else first.free
+    if not bristled and len(reasons) != fixed_count:
+        rough = walk(free).free
     # What another solution of the same law changes is no more certain than that.
     numerical = natural - frame.from_free(_back(frame, rough, reasons))
     for index in reasons:
