@@ -14,11 +14,18 @@ from daemon.config.robot import friction_parameters
 from daemon.config.settings import Robot
 from observer.drift import (
     NO_DRIFT,
+    SIGMAS,
     Drift,
+    Sample,
     asks_for_calibration,
     correlation,
     friction_error,
     is_no_friction,
+    is_offset,
+    is_sloped,
+    offset_allowed,
+    offset_error,
+    slope_error,
     updated,
 )
 from observer.filter.leg_model import STEP_S
@@ -66,9 +73,13 @@ def drift_lines(estimates: BatchEstimates, robot: Robot) -> Iterator[str]:
     """Format the drift monitor's result for the friction of each axis."""
     laws = friction_parameters(robot)
     advice = ": calibrate" if robot.patient is None else ": a patient, or time to calibrate"
-    units = (("hip", "N·m"), ("slide", "N"))
+    unsure = robot.uncertainty
+    units = (
+        ("hip", "N·m", "rad", unsure.hip.friction_slope_per_rad),
+        ("slide", "N", "m", unsure.slide.friction_slope_per_m),
+    )
     found = drift_of(estimates, laws, STEP_S)
-    for (axis, unit), law, drift in zip(units, laws, found, strict=True):
+    for (axis, unit, length, std), law, drift in zip(units, laws, found, strict=True):
         rho = correlation(drift)
         if math.isnan(rho):
             yield f"friction     {axis}: too little motion to tell its level"
@@ -82,6 +93,16 @@ def drift_lines(estimates: BatchEstimates, robot: Robot) -> Iterator[str]:
             f"friction     {axis}: {friction_error(drift):+.2f} {unit} from its law, correlation "
             f"with the motion {rho:+.2f}{advised}"
         )
+        if robot.patient is None and is_offset(drift):
+            yield (
+                f"offset       {axis}: {offset_error(drift):+.2f} {unit} beside motion and "
+                f"friction, the file allows {offset_allowed(drift):.2g}: calibrate"
+            )
+        if robot.patient is None and is_sloped(drift, law, std):
+            yield (
+                f"friction     {axis}: rises along it by {slope_error(drift, law):+.2g} 1/{length} "
+                f"more than the file says, which allows {SIGMAS * std:.2g}: calibrate"
+            )
 
 
 def column_lines(source: Source, estimates: BatchEstimates, robot: Robot) -> Iterator[str]:
@@ -104,9 +125,11 @@ def drift_of(
     for axis, law in enumerate(frictions):
         valid = (estimates.validity[:, axis] == Validity.OK) & (estimates.status & DOUBTFUL == 0)
         one = NO_DRIFT
-        pairs = estimates.state[valid][:, (2 + axis, 6 + axis)].tolist()
-        for speed, patient in pairs:
-            one = updated(one, law, speed, patient, step_s)
+        rows = np.column_stack(
+            (estimates.state[valid][:, (axis, 2 + axis, 6 + axis)], estimates.std[valid, 6 + axis])
+        )
+        for row in rows.tolist():
+            one = updated(one, law, Sample(*row), step_s)
         found.append(one)
     return found
 

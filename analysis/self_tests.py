@@ -6,11 +6,12 @@ springs of the robot file leave of the measured effort is regressed on
 
     ratio F_s(v) + load + stiffness (q - mean q)
 
-with F_s of the file, eq. (13). Weight or springs that are not those of the file have the same sign
-forth and back: they are in the other two numbers, and not in the ratio. Coulomb and viscous
-friction cannot be told apart at one speed; the ratio is of their sum. The standard error is that of
-Newey and West (1987), for residuals that are correlated over some rows: the smoothing's, and the
-cogging of a motor. It is the error within one test, and knows nothing of the next one.
+with F_s of the file, eq. (13), where the axis is. The effort is without the offset that the file
+has of its drive. Weight or springs that are not those of the file have the same sign forth and
+back: they are in the other two numbers, and not in the ratio. Coulomb and viscous friction cannot
+be told apart at one speed; the ratio is of their sum. The standard error is that of Newey and West
+(1987), for residuals that are correlated over some rows: the smoothing's, and the cogging of a
+motor. It is the error within one test, and knows nothing of the next one.
 """
 
 from typing import Final, NamedTuple
@@ -23,9 +24,14 @@ from analysis.calibration.motion import Motion, prepare
 from analysis.calibration.start import residual_effort
 from analysis.parquet import Stay
 from analysis.recording import Recording, RecordingError
-from daemon.config.robot import friction_parameters, leg_parameters
+from daemon.config.robot import friction_parameters, leg_parameters, observer_tuning
 from daemon.config.settings import Robot
-from observer.mechanism.friction import FrictionParameters, static_friction_of
+from observer.mechanism.friction import (
+    FrictionParameters,
+    OverPosition,
+    at_position,
+    static_friction_of,
+)
 
 Vector = NDArray[np.float64]
 
@@ -64,9 +70,12 @@ def friction_of(test: Stay, robot: Robot) -> tuple[AxisFriction, AxisFriction]:
     except RecordingError as error:
         return _unused(str(error)), _unused(str(error))
     left = np.empty((len(motion.steps_s), 2))
-    residual_effort(leg_parameters(robot), 1.0, motion.smooth, motion.smooth_effort, left)
-    hip, slide = friction_parameters(robot)
-    return _of_axis(motion, 0, left[:, 0], hip), _of_axis(motion, 1, left[:, 1], slide)
+    tuning = observer_tuning(robot)
+    effort = motion.smooth_effort - np.array(tuning.effort_offset)
+    residual_effort(leg_parameters(robot), 1.0, motion.smooth, effort, left)
+    laws = zip(friction_parameters(robot), tuning.friction_over_position, strict=True)
+    hip, slide = (_of_axis(motion, axis, left[:, axis], *law) for axis, law in enumerate(laws))
+    return hip, slide
 
 
 def warm_up(robot: Robot) -> None:
@@ -81,7 +90,9 @@ def _unused(fault: str, row_count: int = 0) -> AxisFriction:
     return AxisFriction(np.nan, np.nan, np.nan, np.nan, np.nan, row_count, fault)
 
 
-def _of_axis(motion: Motion, axis: int, effort: Vector, law: FrictionParameters) -> AxisFriction:
+def _of_axis(
+    motion: Motion, axis: int, effort: Vector, law: FrictionParameters, over: OverPosition
+) -> AxisFriction:
     velocity = motion.velocity[:, axis]
     speed = np.abs(velocity)
     slowest = max(law.peak, FAST_SHARE * float(np.quantile(speed, 0.95)))
@@ -92,8 +103,9 @@ def _of_axis(motion: Motion, axis: int, effort: Vector, law: FrictionParameters)
     if min(forth, back) < ROWS_MIN:
         fault = f"{forth} rows forth and {back} back at speed, fewer than {ROWS_MIN}"
         return _unused(fault, forth + back)
-    expected = np.array([static_friction_of(law, one) for one in velocity[used].tolist()])
     position = motion.smooth[used, axis]
+    pairs = zip(position.tolist(), velocity[used].tolist(), strict=True)
+    expected = np.array([static_friction_of(at_position(law, over, q), v) for q, v in pairs])
     columns = np.column_stack((expected, np.ones(len(expected)), position - position.mean()))
     found, *_ = np.linalg.lstsq(columns, effort[used], rcond=None)
     ratio, load, _ = found.tolist()
@@ -103,7 +115,7 @@ def _of_axis(motion: Motion, axis: int, effort: Vector, law: FrictionParameters)
     return AxisFriction(
         ratio,
         _std_error(columns, effort[used] - columns @ found),
-        ratio * static_friction_of(law, mean_speed),
+        ratio * static_friction_of(at_position(law, over, float(position.mean())), mean_speed),
         mean_speed,
         load,
         forth + back,

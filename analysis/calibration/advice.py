@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.calibration.fit import Result
+from analysis.calibration.fit import DECIDED, Result
 from analysis.calibration.motion import Motion
 from analysis.calibration.quantities import AXES
 from analysis.calibration.start import FAST, extent
@@ -21,16 +21,9 @@ def advice(motion: Motion, results: tuple[Result, ...]) -> list[str]:
     lines: list[str] = []
     for axis, name in enumerate(AXES):
         shown = [one for one in results if one.quantity.axis == axis and one.exists]
-        unidentified = [one for one in shown if not one.calibrated]
+        unidentified = [one for one in shown if one.reason not in ("", *DECIDED)]
         if unidentified:
             lines += _of_axis(motion, axis, name, unidentified)
-        lines += [
-            f"the {one.quantity.label} of {one.value:.3g} {one.quantity.unit} is in no number "
-            "of the robot file, and the observer takes it for the patient's: remove the drive's "
-            "offset, or correct the mechanism's weight"
-            for one in shown
-            if not one.quantity.key and one.calibrated and abs(one.value) > one.half_interval
-        ]
     return lines
 
 
@@ -87,6 +80,11 @@ def _of_axis(motion: Motion, axis: int, name: str, unidentified: list[Result]) -
         lines.append(
             f"the {name} moved over {how.range_si:.2g} {length}: for its spring record a "
             "wider range"
+        )
+    if "slope" in kinds or "effort_offset" in kinds:
+        lines.append(
+            f"the {name} moved over {how.range_si:.2g} {length}: for its friction over position "
+            "and its drive's offset record a wider range, in both directions"
         )
     if "drive_inertia" in kinds or "drive_mass" in kinds:
         lines.append(f"for the {name} drive's inertia record faster reversals (0.7 Hz and more)")

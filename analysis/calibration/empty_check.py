@@ -2,7 +2,7 @@
 
 The residual effort after inertia, weight and springs of the file is friction of the form
 
-    F = coulomb tanh(v / transition) + hump + viscous v      per axis, free factors
+    F = coulomb (1 + slope q) tanh(v / transition) + hump + viscous v      per axis, free factors
 
 plus, where one number of the mechanism is wrong, the resulting change of weight and springs.
 Each candidate is fitted alone, together with the free friction; the one with the smallest residual
@@ -23,7 +23,7 @@ from analysis.calibration.quantities import AXES, value_of
 from analysis.calibration.start import FAST, extent, residual_effort
 from analysis.recording import RecordingError
 from daemon.config.edits import replaced
-from daemon.config.robot import friction_parameters, leg_parameters
+from daemon.config.robot import friction_parameters, leg_parameters, observer_tuning
 from daemon.config.settings import Robot
 from observer.filter.status import START_KNEE_MIN_RAD
 from observer.mechanism.mechanism import WorkspaceError, knee_angle
@@ -346,7 +346,8 @@ class _Regression:
         before = self.motion.smooth[chosen, 4 + axis]
         speed = FAST[axis] / 3
         slow = np.sign(v) * np.exp(-np.abs(v) / speed)
-        base = [np.sign(v), slow, v, v * np.abs(v), np.tanh(before / 0.5) * slow]
+        along = np.sign(v) * self.motion.smooth[chosen, axis]
+        base = [np.sign(v), along, slow, v, v * np.abs(v), np.tanh(before / 0.5) * slow]
         if springs_free:
             base.append(before)
         if springs_free and sprung:
@@ -359,7 +360,8 @@ class _Regression:
     def _left(self, leg: LegParameters, robot: Robot) -> Matrix:
         left = np.empty((len(self.motion.steps_s), 2))
         share = 1.0 if robot.observer.coriolis else 0.0
-        residual_effort(leg, share, self.motion.smooth, self.motion.smooth_effort, left)
+        effort = self.motion.smooth_effort - np.array(observer_tuning(robot).effort_offset)
+        residual_effort(leg, share, self.motion.smooth, effort, left)
         return left
 
     def differences(self, robot: Robot) -> Vector:

@@ -6,12 +6,14 @@ If two ends explain the recording equally well with different values, neither is
 
 A value with too wide an interval, or a correlation with another beyond CORRELATION_MAX, returns to
 the value of the file, and the rest is fitted once more. A value with a narrow interval stays
-whatever its correlation, which the interval already includes.
+whatever its correlation, which the interval already includes. A slope of friction or an offset of
+effort returns as well if its interval holds the file's value.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
+from types import MappingProxyType
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -31,11 +33,15 @@ from analysis.calibration.likelihood import (
 from analysis.calibration.motion import Motion
 from analysis.calibration.quantities import (
     BRISTLES,
+    CANDIDATES,
     COUNT,
     LAW_SIZE,
     NOISE,
     OF_LAW_11,
+    OFFSETS,
+    OVER,
     PEAK,
+    QUANTITIES,
     SIZE,
     SPRING_SCALE,
     SPRINGS,
@@ -83,9 +89,14 @@ LEVELS: Final = (
 )
 """Values in which two such ends must agree: Coulomb, viscous, stiffness of bristles and spring, and
 inertia of both axes."""
-ROUNDS: Final = 4
+ROUNDS: Final = 6
 NONE: Final = "the file has none"
 WITH_BRISTLES: Final = "bristles replace the friction that it shapes"
+AS_GIVEN: Final = "the recording does not contradict the file's value"
+OF_SPRING: Final = "it cannot be told from the spring's rest, which holds the change of both"
+AS_GOOD_WITHOUT: Final = "the held-out part is described as well with the file's value"
+DECIDED: Final = (AS_GIVEN, OF_SPRING, AS_GOOD_WITHOUT)
+"""Reasons that no other recording changes."""
 SHAPED: Final = (3, 5, 6)
 """Transition, edge and time constant, within a law."""
 FOLLOWS: Final = {
@@ -136,6 +147,8 @@ class Fit:
     results: tuple[Result, ...]
     loss_per_sample: Number
     step_count: int
+    fixed: frozenset[int]
+    """Values that were not fitted, noise among them."""
     rival: str
     """Another optimum that explains the recording equally well with other values; empty if none."""
 
@@ -227,18 +240,30 @@ class _Search:
         return False
 
 
-def fit(frame: Frame, motion: Motion, progress: Progress, near: Fit | None = None) -> Fit:
+def fit(
+    frame: Frame,
+    motion: Motion,
+    progress: Progress,
+    near: Fit | None = None,
+    kept: Mapping[int, str] = MappingProxyType({}),
+) -> Fit:
     """Calibrate the values that the rows that are not held out identify.
 
     Args:
         frame: of the initial file.
         motion: the recording.
         progress: called with the misfit (minus log likelihood per sample) after each step.
-        near: a fit of another law to the same rows: the only place where the search begins.
+        near: a fit of another law, or of more quantities, to the same rows: the only place where
+            the search begins.
+        kept: quantities that keep the file's values, with the reasons.
     """
     likelihood = Likelihood(frame, motion, ~motion.held_out)
-    reasons = _fixed(frame, motion)
-    laws = [_with_initial_noise(frame, regressed(frame, motion, hump)) for hump in START_HUMPS]
+    reasons = _fixed(frame, motion) | dict(kept)
+    bristled = any(frame.bristled(axis) for axis in range(2))
+    laws = [
+        _back(frame, _with_initial_noise(frame, regressed(frame, motion, hump)), kept)
+        for hump in START_HUMPS
+    ]
     centre = laws[0]
 
     def walk(
@@ -268,20 +293,22 @@ def fit(frame: Frame, motion: Motion, progress: Progress, near: Fit | None = Non
             free[NOISE:known] = noise_free[NOISE:known]
             ends.append(walk(best_start(likelihood, free, motion), ends))
     else:
-        free = frame.free(_with_law_of(frame, near.natural))
-        found = Likelihood(near.frame, motion, ~motion.held_out)
-        free_near = near.frame.free(near.natural)
-        known_end = _End(free_near, found.surprises(free_near).loss, 0)
-        ends.append(walk(best_start(likelihood, free, motion), [known_end]))
+        free = _back(frame, frame.free(_with_law_of(frame, near.natural)), kept)
+        known_ends: list[_End] = []
+        if bristled:  # of no use where they explain less than another law
+            found = Likelihood(near.frame, motion, ~motion.held_out)
+            free_near = near.frame.free(near.natural)
+            known_ends.append(_End(free_near, found.surprises(free_near).loss, 0))
+        ends.append(walk(best_start(likelihood, free, motion), known_ends))
     first = min(ends, key=lambda end: end.loss)
     fixed_count = len(reasons)
     identified, cov = _identified(fine, walk_fine(first.free), reasons, walk_fine)
     free = identified.free
     natural = frame.from_free(free)
-    if any(frame.bristled(axis) for axis in range(2)):
-        rough = free  # bristles are too stiff for a rough solution to be one of the same law
-    else:
-        rough = first.free if len(reasons) == fixed_count else walk(free).free
+    # Bristles are too stiff for a rough solution to be one of the same law.
+    rough = free if bristled else first.free
+    if not bristled and len(reasons) != fixed_count:
+        rough = walk(free).free
     # What another solution of the same law changes is no more certain than that.
     numerical = natural - frame.from_free(_back(frame, rough, reasons))
     for index in reasons:
@@ -291,7 +318,7 @@ def fit(frame: Frame, motion: Motion, progress: Progress, near: Fit | None = Non
     half = QUANTILE * np.sqrt(variance)
     results = tuple(
         Result(
-            frame.quantity(i),
+            QUANTITIES[i],
             float(frame.natural[i]),
             float(natural[i]),
             float("nan") if i in reasons else float(half[i]),
@@ -309,7 +336,18 @@ def fit(frame: Frame, motion: Motion, progress: Progress, near: Fit | None = Non
             if again.loss < identified.loss + margin:
                 rival = rival or _disagreement(frame, again.free, results)
     loss = fine.surprises(free).loss / count
-    return Fit(frame, natural, results, loss, sum(end.step_count for end in ends), rival)
+    steps = sum(end.step_count for end in ends)
+    return Fit(frame, natural, results, loss, steps, frozenset(reasons), rival)
+
+
+def without(made: Fit, motion: Motion, progress: Progress, index: int) -> Vector:
+    """Natural values with one of them set back to the file's, and the others fitted once more."""
+    frame = made.frame
+    likelihood = Likelihood(frame, motion, ~motion.held_out, FINE_SUBSTEPS)
+    free = _back(frame, frame.free(made.natural), [index])
+    which = np.array([i for i in range(SIZE) if i not in made.fixed | {index}], dtype=np.intp)
+    search = _Search(likelihood, free, free.copy(), which, progress, ())
+    return frame.from_free(_walk(search, free[which], STEPS_MAX).free)
 
 
 def _with_law_of(frame: Frame, natural: Vector) -> Vector:
@@ -359,12 +397,20 @@ def _identified(
         fisher += np.diag((which >= TIMING) / PRIOR_TIMING**2)
         cov[:] = 0.0
         cov[np.ix_(which, which)] = robust_covariance(each, fisher, likelihood.row)
-        found = _unidentified(likelihood.frame, end.free, which, fisher)
-        if not found:
+        frame = likelihood.frame
+        found = _unidentified(frame, end.free, which, fisher)
+        if not found and not (found := _as_given(frame, end.free, which, cov)):
             break
         reasons.update(found)
         end = walk(_back(likelihood.frame, end.free, found))
     return end, cov
+
+
+def _as_given(frame: Frame, free: Vector, which: NDArray[np.intp], cov: Matrix) -> dict[int, str]:
+    """Candidates whose interval holds the file's value, with the reason."""
+    change = np.abs(free - frame.free(frame.natural))
+    inside = change <= QUANTILE * np.sqrt(np.maximum(np.diag(cov), 0.0))
+    return {i: AS_GIVEN for i in CANDIDATES if i in which and inside[i]}
 
 
 def best_start(likelihood: Likelihood, free: Vector, motion: Motion) -> Vector:
@@ -424,10 +470,13 @@ def _fixed(frame: Frame, motion: Motion) -> dict[int, str]:
         law, spring = axis * LAW_SIZE, SPRINGS + 3 * axis
         if not extent(motion, axis).enough(axis):
             noise = range(NOISE + axis, SIZE, 2)
-            for index in (*range(law, law + LAW_SIZE), *range(spring, spring + 3), *noise):
+            over = range(OVER + 2 * axis, OVER + 2 * axis + 2)
+            for index in (*range(law, law + LAW_SIZE), *range(spring, spring + 3), *over, *noise):
                 reasons[index] = "the axis hardly moved"
-        if not frame.sprung(axis):
-            reasons[spring] = NONE
+        if frame.sprung(axis):
+            reasons[OFFSETS[axis]] = OF_SPRING
+        else:
+            reasons |= dict.fromkeys((spring, spring + 1), NONE)
         if frame.bristled(axis):
             reasons |= dict.fromkeys((law + at for at in SHAPED), WITH_BRISTLES)
         else:
@@ -480,7 +529,7 @@ def _worst(
 
 def _size_of(frame: Frame, free: Vector, index: int) -> float:
     """Change of a free value that changes its quantity by 100 %."""
-    if index >= NOISE:
+    if index >= OVER:
         return 1.0
     if index >= SPRINGS:
         axis, part = divmod(index - SPRINGS, 3)

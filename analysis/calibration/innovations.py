@@ -19,10 +19,11 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.filter.leg_model import LegModel
+from observer.filter.leg_model import LegModel, model_at
 from observer.jit import inline, kernel
 from observer.mechanism.friction import (
     FrictionParameters,
+    OverPosition,
     bristle_friction,
     bristles_after,
     friction_after,
@@ -203,6 +204,8 @@ class KalmanTuning(NamedTuple):
     width: Vector
     """Distance from the mean at which derivatives are taken, shape (6,)."""
     substeps: int
+    over: tuple[OverPosition, OverPosition]
+    """How friction rises along hip and slide: that of a row is the one where it begins."""
 
 
 class KalmanRows(NamedTuple):
@@ -228,7 +231,7 @@ def innovations(
 
     Both are NaN where nothing was measured, and where the filter begins.
     """
-    noise, rest_noise, spread, width, substeps = tuning
+    noise, rest_noise, spread, width, substeps, over = tuning
     steps_s, position, effort, begins, rests, starts = rows
     mean, cov = np.zeros(STATES), np.zeros((STATES, STATES))
     work = np.zeros((2 * STATES, STATES))
@@ -240,7 +243,8 @@ def innovations(
             _begin(model, noise, starts[row], effort[row], spread, mean, cov)
             continue
         step_s, row_effort = steps_s[row], effort[row]
-        _step(model, row_effort, step_s, substeps, rests[row], mean, width, points, rates)
+        here = model_at(model, over[0], over[1], mean[0], mean[1])
+        _step(here, row_effort, step_s, substeps, rests[row], mean, width, points, rates)
         friction1 = rest_noise[0] if rests[row, 0] else noise[4]
         friction2 = rest_noise[1] if rests[row, 1] else noise[5]
         _predict(mean, cov, noise, friction1, friction2, points, width, work)

@@ -22,9 +22,12 @@ from analysis.calibration.quantities import (
     NOISE,
     OF_LAW_11,
     SIZE,
+    SLOPE_SCALE,
+    SLOPES,
     TIMING,
     Frame,
     noise_of,
+    offsets_of,
 )
 
 Vector = NDArray[np.float64]
@@ -50,6 +53,8 @@ SMOOTHER_MAX: Final = 30.0
 """Limits of the law's speeds as factors on the file's."""
 HUMP_MAX_RATIO: Final = 1.0
 """Limit of the hump, in Coulomb levels."""
+SLOPE_MAX: Final = 2.0
+"""Limit of a slope, 1/rad or 1/m: no robot file may have more."""
 EFFORT_NOISE_MIN_RATIO: Final = 0.005
 """Least noise of effort, in Coulomb levels: no drive shows its torque better, and without noise a
 recording would be one path, which no law follows and no interval covers."""
@@ -102,13 +107,12 @@ class Likelihood:
                 spread=SPREAD,
                 width=WIDTH,
                 substeps=self.substeps,
+                over=self.frame.over_of(natural),
             ),
             KalmanRows(
                 steps_s=motion.steps_s,
                 position=motion.position,
-                effort=motion.effort
-                - self.frame.constants_of(natural)
-                - natural[TIMING:] * self._effort_rate,
+                effort=motion.effort - offsets_of(natural) - natural[TIMING:] * self._effort_rate,
                 begins=motion.begins,
                 rests=motion.rests,
                 starts=motion.smooth,
@@ -154,7 +158,7 @@ def prior_std() -> Vector:
 
 
 def bounds(frame: Frame) -> tuple[Vector, Vector]:
-    """Least and greatest free values, shape (SIZE,) each; infinite but for shape and effort noise.
+    """Least and greatest free values, shape (SIZE,) each; most have none.
 
     Bristles would be fitted by an eq. (11) that is ever steeper at rest, which does not describe
     motion and which no observer at 10 ms can follow. An unbounded hump is of no use
@@ -171,6 +175,7 @@ def bounds(frame: Frame) -> tuple[Vector, Vector]:
         low[speeds : time + 1] = middle[speeds : time + 1] - np.log(STEEPER_MAX)
         high[speeds:time] = middle[speeds:time] + np.log(SMOOTHER_MAX)
         high[time] = middle[time] + np.log(STEEPER_MAX)
+        low[SLOPES[axis]], high[SLOPES[axis]] = -SLOPE_MAX / SLOPE_SCALE, SLOPE_MAX / SLOPE_SCALE
     return low, high
 
 

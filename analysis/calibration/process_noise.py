@@ -53,16 +53,13 @@ FACTOR_MAX: Final = 30.0
 FACTOR_TOLERANCE: Final = 1e-3
 
 
-def process_noise(
-    robot: Robot, motion: Motion, natural: Vector, constants: Vector
-) -> dict[str, float]:
+def process_noise(robot: Robot, motion: Motion, natural: Vector) -> dict[str, float]:
     """Return the process noise of each axis that moves, by key of [observer].
 
     Args:
         robot: with the calibrated values.
         motion: the recording that was fitted; the rows held out of it are not used.
         natural: the calibrated values with the noise of effort and friction.
-        constants: efforts that the robot file cannot hold, shape (2,): N·m and N.
 
     Raises:
         RecordingError: no axis moves, or the noise of 30 times the likelihood's is not enough.
@@ -74,7 +71,7 @@ def process_noise(
     for axis in range(2):
         if axis not in axes:  # its innovations are 0, so that NIS is that of the other axis
             position[:, axis] = np.nanmean(position[:, axis])
-    columns = Columns(motion.time_s, position, motion.effort - constants)
+    columns = Columns(motion.time_s, position, motion.effort)
     likely = _likely(robot, motion, natural, axes)
 
     def surplus(log_factor: float) -> float:
@@ -97,16 +94,15 @@ def process_noise(
     return {key: factor * std for key, std in likely.items()}
 
 
-def law_uncertainty(robot: Robot, motion: Motion, constants: Vector) -> dict[str, float]:
+def law_uncertainty(robot: Robot, motion: Motion) -> dict[str, float]:
     """Return the uncertainty of the friction law of each axis that moves, by key of [observer].
 
     Args:
         robot: with the calibrated values and process noise.
         motion: the recording that was fitted; the rows held out of it are not used.
-        constants: as for `process_noise`.
     """
     certain = with_process_noise(robot, dict.fromkeys(LAW_KEYS, 0.0))
-    columns = Columns(motion.time_s, motion.position, motion.effort - constants)
+    columns = Columns(motion.time_s, motion.position, motion.effort)
     made = run(filter_setup(certain), columns)
     found: dict[str, float] = {}
     for axis in _moved(motion):

@@ -5,9 +5,8 @@ of the law, in parts of the Coulomb level (so that the law stays valid), and spr
 and by their effort at a pose in the middle of the recording (so that the two are nearly
 independent).
 
-An axis whose file says stiffness 0 has no spring, and gets none. In place of the spring's rest its
-vectors hold a constant effort: a drive's offset, or a weight that is not in the file. It is
-estimated and reported; no number of robot.toml holds it.
+An axis whose file says stiffness 0 has no spring, and gets none. Only such an axis shows the offset
+of its drive's effort: beside a spring, an offset and another rest are the same effort everywhere.
 """
 
 from dataclasses import dataclass
@@ -17,10 +16,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.config.robot import friction_parameters, leg_parameters
+from daemon.config.robot import friction_over_position, friction_parameters, leg_parameters
 from daemon.config.settings import Robot
 from observer.filter.leg_model import LegModel
-from observer.mechanism.friction import FrictionParameters, smallest_stribeck
+from observer.mechanism.friction import FrictionParameters, OverPosition, smallest_stribeck
 from observer.mechanism.parameters import LegParameters
 from observer.quantities import Number
 
@@ -81,6 +80,10 @@ QUANTITIES: Final = (
     Quantity("springs.slide.stiffness_n_per_m", "slide spring stiffness", "N/m", 1),
     Quantity("springs.slide.rest_m", "slide spring rest", "m", 1),
     Quantity("slide.drive_mass_kg", "slide drive mass", "kg", 1),
+    Quantity("friction_over_position.hip.slope_per_rad", "hip friction slope", "1/rad", 0),
+    Quantity("effort_offset.hip.torque_nm", "hip effort offset", "N·m", 0),
+    Quantity("friction_over_position.slide.slope_per_m", "slide friction slope", "1/m", 1),
+    Quantity("effort_offset.slide.force_n", "slide effort offset", "N", 1),
     Quantity("observer.hip.measurement_angle_rad", "hip encoder noise", "rad", 0),
     Quantity("observer.slide.measurement_position_m", "slide encoder noise", "m", 1),
 )
@@ -94,7 +97,14 @@ BRISTLES: Final = slice(7, LAW_SIZE)
 """Stiffness and damping, within a law; both 0 without bristles."""
 SPRINGS: Final = 2 * LAW_SIZE
 """Start of the springs and inertias, three for each axis."""
-NOISE: Final = SPRINGS + 6
+OVER: Final = SPRINGS + 6
+SLOPES: Final = (OVER, OVER + 2)
+"""Friction over position, by axis."""
+OFFSETS: Final = (OVER + 1, OVER + 3)
+"""Efforts that the drives show at none, by axis."""
+CANDIDATES: Final = (*SLOPES, *OFFSETS)
+"""Few machines have them: they keep the file's values unless the recording says otherwise."""
+NOISE: Final = OVER + 4
 NUISANCES: Final = 6
 """Effort noise, friction noise and timing, hip and slide: estimated, never written. Timing is how
 much later an effort acts than its row and the file's `effort_delay_ms` say, s."""
@@ -105,13 +115,10 @@ TIMING_S: Final = 1e-3
 KEYS: Final = tuple(quantity.key for quantity in QUANTITIES)
 BRISTLE_KEYS: Final = KEYS[:LAW_SIZE][BRISTLES], KEYS[LAW_SIZE:SPRINGS][BRISTLES]
 """By axis."""
-CONSTANTS: Final = (
-    Quantity("", "hip constant effort", "N·m", 0),
-    Quantity("", "slide constant effort", "N", 1),
-)
-"""For an axis without a spring, in place of the spring's rest."""
 SPRING_SCALE: Final = ((20.0, 5.0, 0.2), (100.0, 30.0, 4.0))
 """Steps of stiffness, effort and inertia comparable to a free step of 1 elsewhere."""
+SLOPE_SCALE: Final = 0.6
+"""The same of a slope, 1/rad or 1/m: a machine that was not measured may have half of it."""
 SMALLEST: Final = 1e-9
 HUMP_MIN_RATIO: Final = 1e-3
 """Over the Coulomb level: initial hump of a law given without one."""
@@ -126,9 +133,6 @@ def natural_values(robot: Robot) -> Vector:
     """Values of the file, and nuisances as small parts of the Coulomb level; shape (SIZE,)."""
     values = [value_of(robot, key) for key in KEYS]
     hip, slide = values[0], values[LAW_SIZE]
-    for at in (SPRINGS, SPRINGS + 3):
-        if values[at] == 0.0:
-            values[at + 1] = 0.0
     noise = 0.01 * hip, 0.01 * slide, 0.002 * hip, 0.002 * slide
     return np.array([*values, *noise, 0.0, 0.0])
 
@@ -144,6 +148,8 @@ class Frame:
     middle: tuple[float, float]
     """Reference pose of spring efforts, rad and m."""
     coriolis_share: Number
+    over: tuple[OverPosition, OverPosition]
+    """Friction over position of the file."""
 
     def sprung(self, axis: int) -> bool:
         """True if the file gives the axis a spring."""
@@ -152,18 +158,6 @@ class Frame:
     def bristled(self, axis: int) -> bool:
         """True if the file gives the axis bristles."""
         return bool(self.natural[axis * LAW_SIZE + BRISTLES.start] > 0.0)
-
-    def quantity(self, index: int) -> Quantity:
-        """Quantity of a natural value."""
-        for axis in range(2):
-            if index == SPRINGS + 3 * axis + 1 and not self.sprung(axis):
-                return CONSTANTS[axis]
-        return QUANTITIES[index]
-
-    def constants_of(self, natural: Vector) -> Vector:
-        """Constant efforts, shape (2,): N·m and N."""
-        at = (SPRINGS + 1, SPRINGS + 4)
-        return np.array([0.0 if self.sprung(axis) else natural[at[axis]] for axis in range(2)])
 
     def free(self, natural: Vector) -> Vector:
         """Convert natural to free values, both of shape (SIZE,)."""
@@ -179,9 +173,10 @@ class Frame:
             stiffness, rest, inertia = natural[at : at + 3]
             scale = SPRING_SCALE[axis]
             free[at] = stiffness / scale[0]
-            effort = stiffness * (self.middle[axis] - rest) if self.sprung(axis) else rest
-            free[at + 1] = effort / scale[1]
+            free[at + 1] = stiffness * (self.middle[axis] - rest) / scale[1]
             free[at + 2] = inertia / scale[2]
+            free[SLOPES[axis]] = natural[SLOPES[axis]] / SLOPE_SCALE
+            free[OFFSETS[axis]] = natural[OFFSETS[axis]] / scale[1]
         free[NOISE:TIMING] = np.log(np.maximum(natural[NOISE:TIMING], SMALLEST))
         free[TIMING:] = natural[TIMING:] / TIMING_S
         return free
@@ -199,11 +194,13 @@ class Frame:
                 natural[law][BRISTLES] = 0.0
             at = SPRINGS + 3 * axis
             scale = SPRING_SCALE[axis]
-            natural[at], natural[at + 1] = 0.0, free[at + 1] * scale[1]
+            natural[at], natural[at + 1] = 0.0, self.natural[at + 1]
             if self.sprung(axis):
                 natural[at] = max(free[at], 1e-4) * scale[0]
-                natural[at + 1] = self.middle[axis] - natural[at + 1] / natural[at]
+                natural[at + 1] = self.middle[axis] - free[at + 1] * scale[1] / natural[at]
             natural[at + 2] = max(free[at + 2], 0.0) * scale[2]
+            natural[SLOPES[axis]] = free[SLOPES[axis]] * SLOPE_SCALE
+            natural[OFFSETS[axis]] = free[OFFSETS[axis]] * scale[1]
         natural[NOISE:TIMING] = np.exp(free[NOISE:TIMING])
         natural[TIMING:] = TIMING_S * free[TIMING:]
         return natural
@@ -227,11 +224,21 @@ class Frame:
         hip, slide = law_of(natural, 0), law_of(natural, 1)
         return LegModel(self.leg_of(natural), hip, slide, self.coriolis_share)
 
+    def over_of(self, natural: Vector) -> tuple[OverPosition, OverPosition]:
+        """How both frictions rise along their axes."""
+        hip, slide = natural[list(SLOPES)].tolist()
+        return OverPosition(hip, self.over[0].middle), OverPosition(slide, self.over[1].middle)
+
 
 def law_of(natural: Vector, axis: int) -> FrictionParameters:
     """Friction law of an axis from natural values."""
     coulomb, stribeck, *rest = natural[axis * LAW_SIZE : (axis + 1) * LAW_SIZE].tolist()
     return FrictionParameters(stribeck, coulomb, *rest)
+
+
+def offsets_of(natural: Vector) -> Vector:
+    """Efforts that the drives show at none, shape (2,): N·m and N."""
+    return natural[list(OFFSETS)]
 
 
 def noise_of(natural: Vector) -> Vector:
@@ -244,7 +251,8 @@ def frame_of(robot: Robot, middle: tuple[float, float]) -> Frame:
     # Composed once here: this also checks friction as the kernels need it.
     friction_parameters(robot)
     share = 1.0 if robot.observer.coriolis else 0.0
-    return Frame(leg_parameters(robot), natural_values(robot), middle, share)
+    over = friction_over_position(robot)
+    return Frame(leg_parameters(robot), natural_values(robot), middle, share, over)
 
 
 def labelled(index: int) -> str:

@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
+from types import MappingProxyType
 from typing import NamedTuple
 
 import msgspec
@@ -11,7 +13,15 @@ from numpy.typing import NDArray
 from analysis.calibration.advice import slower_than_gait
 from analysis.calibration.bristles import not_identified, with_bristles
 from analysis.calibration.empty_check import Check, check, judge, refuse_wrong_branch
-from analysis.calibration.fit import FOLLOWS, Fit, Progress, fit
+from analysis.calibration.fit import (
+    AS_GOOD_WITHOUT,
+    FOLLOWS,
+    Fit,
+    Progress,
+    fit,
+    without,
+)
+from analysis.calibration.likelihood import FINE_SUBSTEPS, Flags, Likelihood
 from analysis.calibration.motion import Motion, prepare
 from analysis.calibration.process_noise import (
     law_uncertainty,
@@ -19,6 +29,7 @@ from analysis.calibration.process_noise import (
     with_process_noise,
 )
 from analysis.calibration.quantities import (
+    CANDIDATES,
     COUNT,
     KEYS,
     Frame,
@@ -44,10 +55,11 @@ from analysis.calibration.verdict import (
 from analysis.recording import RecordingError
 from analysis.replay import Source
 from daemon.config.edits import Value
-from daemon.config.robot import friction_parameters, leg_parameters
+from daemon.config.robot import friction_over_position, friction_parameters, leg_parameters
 from daemon.config.settings import MissedLimit, Robot
 from observer.filter.leg_model import integrator_named, substeps_needed
 from observer.filter.status import START_RATIO_MIN, Status
+from observer.mechanism.friction import levels_of
 from observer.mechanism.mechanism import smallest_inertia
 
 
@@ -101,8 +113,6 @@ class Calibration:
             key: (value, "bristles need it") for key, value in self.tuning.items()
         }
         for index, one in enumerate(self.fit.results):
-            if not one.quantity.key:
-                continue
             if one.calibrated:
                 made[KEYS[index]] = (
                     one.value,
@@ -146,17 +156,6 @@ def empty_run(sources: Sequence[Source], robot: Robot) -> Motion:
             "the robot file has viscous_outside = true; calibration fits the law with viscous "
             "friction inside eq. (11): set it to false and calibrate"
         )
-    over = robot.friction_over_position
-    if (over.hip.slope_per_rad, over.slide.slope_per_m) != (0.0, 0.0):
-        raise RecordingError(
-            "the robot file has a slope in [friction_over_position]; calibration fits friction "
-            "that is the same along an axis: set both slopes to 0 and calibrate"
-        )
-    if (robot.effort_offset.hip.torque_nm, robot.effort_offset.slide.force_n) != (0.0, 0.0):
-        raise RecordingError(
-            "the robot file has an [effort_offset]; calibration finds a constant effort by itself: "
-            "set both offsets to 0 and calibrate"
-        )
     motion = _prepared(sources, robot)
     refuse_wrong_branch(robot, motion)
     return motion
@@ -173,7 +172,8 @@ def calibrate(
     """Fit, check the mechanism, and compare with the old file on held-out data.
 
     Bristles are fitted, too, on the axes that move and have none, and replace eq. (11) if they
-    describe the held-out data better.
+    describe the held-out data better. So does a slope of friction over position, or an offset of
+    effort, of each axis.
 
     Args:
         sources: recordings of the empty machine.
@@ -191,7 +191,12 @@ def calibrate(
     if other is not None:
         motion = _prepared(sources, robot, hold_out=False)
     old = frame_of(robot, middle_of(motion))
+    judged = motion if other is None else other
+    rows = motion.held_out if other is None else np.ones(len(judged.time_s), dtype=np.bool_)
     fitted = _fit(robot, robot, motion, progress)
+    if kept := _as_good_without(fitted, motion, progress, judged, rows):
+        rival = fitted.rival
+        fitted = replace(_fit(robot, robot, motion, progress, fitted, kept), rival=rival)
     laws = [
         _Law(robot, old, like_fitted(old, fitted.natural, motion)),
         _Law(with_values(robot, fitted), fitted.frame, fitted.natural),
@@ -201,14 +206,12 @@ def calibrate(
     given = [axis for axis in moved if not old.bristled(axis)]
     if given:
         start, tuning = with_bristles(robot, given)
-        made = _fit(start, robot, motion, progress, fitted)
+        made = _fit(start, robot, motion, progress, fitted, kept)
         try:
             laws.append(_Law(with_values(start, made), made.frame, made.natural))
             why_eq_11 = _too_steep(laws[-1].robot)
         except RecordingError as error:
             why_eq_11 = str(error)
-    judged = motion if other is None else other
-    rows = motion.held_out if other is None else np.ones(len(judged.time_s), dtype=np.bool_)
     seen = judged_seen = [one.disturbance(motion) for one in laws]
     if other is not None:
         judged_seen = [one.disturbance(other) for one in laws]
@@ -241,9 +244,8 @@ def calibrate(
     noise: dict[str, float] = {}
     if with_noise:
         # Wider noise means more false effort from the same law, so the law is judged without it.
-        constants = made.frame.constants_of(made.natural)
-        noise = process_noise(new, motion, made.natural, constants)
-        noise |= law_uncertainty(with_process_noise(new, noise), motion, constants)
+        noise = process_noise(new, motion, made.natural)
+        noise |= law_uncertainty(with_process_noise(new, noise), motion)
         new = with_process_noise(new, noise)
         widened = laws[used]._replace(robot=new).disturbance(judged)
         after = score(made.frame, made.natural, judged, rows, widened)
@@ -272,17 +274,39 @@ class _Law(NamedTuple):
     natural: NDArray[np.float64]
 
     def disturbance(self, motion: Motion) -> Disturbance:
-        return disturbance(self.robot, motion, self.frame.constants_of(self.natural))
+        return disturbance(self.robot, motion)
 
 
 def _fit(
-    start: Robot, given: Robot, motion: Motion, progress: Progress, near: Fit | None = None
+    start: Robot,
+    given: Robot,
+    motion: Motion,
+    progress: Progress,
+    near: Fit | None = None,
+    kept: Mapping[int, str] = MappingProxyType({}),
 ) -> Fit:
     """Fit from `start`, with the values before those of the given file."""
-    made = fit(frame_of(start, middle_of(motion)), motion, progress, near)
+    made = fit(frame_of(start, middle_of(motion)), motion, progress, near, kept)
     before = natural_values(given).tolist()
     pairs = zip(made.results, before[:COUNT], strict=True)
     return replace(made, results=tuple(replace(one, before=value) for one, value in pairs))
+
+
+def _as_good_without(
+    made: Fit, motion: Motion, progress: Progress, judged: Motion, rows: Flags
+) -> dict[int, str]:
+    """Candidates without which the held-out rows are described as well, with the reason."""
+    likelihood = Likelihood(made.frame, judged, rows, FINE_SUBSTEPS)
+
+    def loss(natural: NDArray[np.float64]) -> float:
+        return likelihood.surprises(made.frame.free(natural)).loss
+
+    found = loss(made.natural)
+    return {
+        index: AS_GOOD_WITHOUT
+        for index in CANDIDATES
+        if made.results[index].calibrated and loss(without(made, motion, progress, index)) <= found
+    }
 
 
 def _quiet(
@@ -313,8 +337,7 @@ def with_values(robot: Robot, made: Fit) -> Robot:
         part = table
         for step in path:
             part = part[step]
-        if name:
-            part[name] = one.value
+        part[name] = one.value
     try:
         return msgspec.convert(table, Robot)
     except msgspec.ValidationError as error:
@@ -330,7 +353,10 @@ def _too_steep(robot: Robot) -> str:
     inertia = smallest_inertia(leg_parameters(robot), START_RATIO_MIN)
     integrator = integrator_named(tuning.integrator)
     try:
-        least = substeps_needed(*friction_parameters(robot), inertia, integrator)
+        levels = map(levels_of, friction_parameters(robot), friction_over_position(robot))
+        least = max(
+            substeps_needed(hip, slide, inertia, integrator) for hip, slide in product(*levels)
+        )
     except ValueError as error:
         return str(error)
     if least <= tuning.substeps:

@@ -10,7 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.calibration.motion import REST, Motion
-from analysis.calibration.quantities import LAW_SIZE, SPRINGS, Frame, law_of
+from analysis.calibration.quantities import (
+    LAW_SIZE,
+    OFFSETS,
+    SLOPES,
+    SPRINGS,
+    Frame,
+    law_of,
+    offsets_of,
+)
 from observer.jit import kernel
 from observer.mechanism.friction import smallest_stribeck
 from observer.mechanism.linkage import dynamics
@@ -24,6 +32,8 @@ MOVES_MIN_S: Final = 2.0
 """An axis with less total time of motion does not count as moving."""
 MOVES_MIN: Final = (0.05, 0.02)
 """Nor does one with a smaller range, rad and m."""
+START_SLOPE_MAX: Final = 1.0
+"""Largest slope of friction to begin with, 1/rad or 1/m."""
 
 
 @kernel
@@ -68,7 +78,7 @@ def extent(motion: Motion, axis: int) -> Extent:
 def left_over(frame: Frame, natural: Vector, motion: Motion) -> Matrix:
     """Effort that the mechanism of these values leaves to friction, shape (n, 2): N·m and N."""
     left = np.empty((len(motion.steps_s), 2))
-    effort = motion.smooth_effort - frame.constants_of(natural)
+    effort = motion.smooth_effort - offsets_of(natural)
     residual_effort(frame.leg_of(natural), frame.coriolis_share, motion.smooth, effort, left)
     return left
 
@@ -76,9 +86,10 @@ def left_over(frame: Frame, natural: Vector, motion: Motion) -> Matrix:
 def regressed(frame: Frame, motion: Motion, hump_ratio: float) -> Vector:
     """Natural values, shape (SIZE,), by linear least squares of the inverse dynamics.
 
-    For each axis that moves: Coulomb and viscous friction, the drive's inertia, and the effort and
-    stiffness of its spring or a constant effort, over the rows too fast for the rest of the law.
-    Its hump is `hump_ratio` of the Coulomb level. Everything else is taken from the file.
+    For each axis that moves: Coulomb friction with its slope, viscous friction, the drive's
+    inertia, and the effort and stiffness of its spring or the drive's offset, over the rows too
+    fast for the rest of the law. Its hump is `hump_ratio` of the Coulomb level. Everything else is
+    taken from the file.
     """
     natural = frame.natural.copy()
     left = left_over(frame, natural, motion)
@@ -95,22 +106,24 @@ def _regress_axis(
     velocity, speed = motion.velocity[:, axis], np.abs(motion.velocity[:, axis])
     moving = (speed > REST[axis]) & motion.settled & ~motion.held_out
     fast = moving & (speed > min(FAST[axis], float(np.quantile(speed[moving], 0.5))))
-    columns = np.zeros((np.count_nonzero(fast), 5))
+    columns = np.zeros((np.count_nonzero(fast), 6))
     columns[:, :3] = np.column_stack((np.sign(velocity), velocity, np.ones(len(velocity))))[fast]
     if frame.sprung(axis):
         columns[:, 3] = motion.smooth[fast, axis] - frame.middle[axis]
     columns[:, 4] = motion.smooth[fast, 4 + axis]
+    columns[:, 5] = columns[:, 0] * (motion.smooth[fast, axis] - frame.over[axis].middle)
     # Minimum norm: a column of zeros gets 0.
     found, *_ = np.linalg.lstsq(columns, left[fast], rcond=None)
     law, at = natural[axis * LAW_SIZE : (axis + 1) * LAW_SIZE], SPRINGS + 3 * axis
     law[0] = max(float(found[0]), 0.2 * float(np.median(np.abs(left[fast]))), 1e-3)
     law[2] = max(float(found[1]), 0.01 * law[0])
     law[1] = smallest_stribeck(law_of(natural, axis)) + hump_ratio * law[0]
-    effort = natural[at + 1] + found[2]
+    natural[SLOPES[axis]] = np.clip(found[5] / law[0], -START_SLOPE_MAX, START_SLOPE_MAX)
     if frame.sprung(axis):
         stiffness = natural[at]
         effort = stiffness * (frame.middle[axis] - natural[at + 1]) + found[2]
         natural[at] = max(stiffness + found[3], 0.05 * stiffness)
-        effort = frame.middle[axis] - effort / natural[at]
-    natural[at + 1] = effort
+        natural[at + 1] = frame.middle[axis] - effort / natural[at]
+    else:
+        natural[OFFSETS[axis]] += found[2]
     natural[at + 2] = max(natural[at + 2] + found[4], 0.0)

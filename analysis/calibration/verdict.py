@@ -17,7 +17,7 @@ from scipy.optimize import minimize
 from analysis.calibration.fit import EQUAL_PER_SAMPLE
 from analysis.calibration.likelihood import FINE_SUBSTEPS, Likelihood
 from analysis.calibration.motion import REST, Motion
-from analysis.calibration.quantities import LAW_SIZE, NOISE, SPRINGS, TIMING, Frame
+from analysis.calibration.quantities import LAW_SIZE, NOISE, TIMING, Frame
 from analysis.calibration.start import extent
 from analysis.replay import filter_setup
 from daemon.config.settings import Robot
@@ -65,10 +65,9 @@ class Disturbance:
     """Shape (n, 2)."""
 
 
-def disturbance(robot: Robot, motion: Motion, constants: Vector) -> Disturbance:
-    """Run the observer of a robot file over a motion, without constant efforts, shape (2,)."""
-    effort = motion.effort - constants
-    made = run(filter_setup(robot), Columns(motion.time_s, motion.position, effort))
+def disturbance(robot: Robot, motion: Motion) -> Disturbance:
+    """Run the observer of a robot file over a motion."""
+    made = run(filter_setup(robot), Columns(motion.time_s, motion.position, motion.effort))
     moving = np.abs(motion.velocity) > 2.0 * np.array(REST)
     known = np.isfinite(made.state[:, 6:8])
     return Disturbance(made.state[:, 6:8], made.nis, moving & known & motion.settled[:, None])
@@ -117,9 +116,6 @@ def like_fitted(frame: Frame, fitted: Vector, motion: Motion) -> Vector:
     """
     made = frame.natural.copy()
     made[NOISE + 2 :] = fitted[NOISE + 2 :]
-    for axis in range(2):
-        if not frame.sprung(axis):
-            made[SPRINGS + 3 * axis + 1] = fitted[SPRINGS + 3 * axis + 1]
     likelihood = Likelihood(frame, motion, ~motion.held_out)
 
     def louder(log_factors: ArrayLike) -> Vector:

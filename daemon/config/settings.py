@@ -293,7 +293,7 @@ class EffortOffset(Table, frozen=True):
 
 
 class HipOverPosition(Table, frozen=True):
-    """How Stribeck's and Coulomb's level rise along the hip."""
+    """How Coulomb's level and the hump of friction rise along the hip."""
 
     slope_per_rad: Annotated[float, Meta(ge=-2, le=2)]
     """Relative to the levels of [friction.hip]."""
@@ -302,7 +302,7 @@ class HipOverPosition(Table, frozen=True):
 
 
 class SlideOverPosition(Table, frozen=True):
-    """How Stribeck's and Coulomb's level rise along the slide."""
+    """How Coulomb's level and the hump of friction rise along the slide."""
 
     slope_per_m: Annotated[float, Meta(ge=-2, le=2)]
     """Relative to the levels of [friction.slide]."""

@@ -6,6 +6,7 @@ module that makes each of them.
 
 import math
 from collections.abc import Mapping
+from typing import Final
 
 from gaitd_names import Doubt, Finding, Lapse, Role, SetpointRefusal
 from msgspec import Struct
@@ -107,6 +108,18 @@ class Monitored(Struct, frozen=True):
     zone: SoftZone = SoftZone()
 
 
+class Advice(Struct, frozen=True):
+    """Why an axis should be calibrated."""
+
+    friction: bool = False
+    offset: bool = False
+    """Told of an empty machine alone, as `slope`."""
+    slope: bool = False
+
+
+NO_ADVICE: Final = Advice()
+
+
 class Estimated(Struct, frozen=True):
     """What the observer of a leg says in this cycle: `steps/estimation.py`. Hip first, then slide.
 
@@ -129,7 +142,7 @@ class Estimated(Struct, frozen=True):
     stride_count: int = 0
     drifts: tuple[Drift, Drift] = (NO_DRIFT, NO_DRIFT)
     """Drift of the friction of each axis."""
-    calibration_advised: tuple[bool, bool] = (False, False)
+    advice: tuple[Advice, Advice] = (NO_ADVICE, NO_ADVICE)
 
 
 class Passive(Struct, frozen=True):

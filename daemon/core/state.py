@@ -15,6 +15,7 @@ from daemon.core.motion.gait_shape import GaitShape
 from daemon.core.period import cycles
 from daemon.core.safety.clonus import ClonusWatch
 from daemon.core.safety.energy import StrideSum
+from daemon.core.safety.inverse_dynamics import Law
 from daemon.core.safety.limits import AxisLimits
 from daemon.core.safety.spasm import SpasmWatch
 from daemon.core.safety.stop_sequence import DriveStop
@@ -37,7 +38,7 @@ from drives.cia402.torque import TorqueSampling
 from drives.cia402.units import AxisScaling
 from observer.filter.leg_observer import LegObserver
 from observer.leg_smoother import LegSmoother
-from observer.mechanism.friction import FrictionParameters
+from observer.mechanism.friction import EVERYWHERE, FrictionParameters, OverPosition
 from observer.mechanism.parameters import LegParameters
 from observer.strides import StrideCounter
 
@@ -93,6 +94,12 @@ class Observers:
     strides: StrideCounter
     friction: tuple[FrictionParameters, FrictionParameters]
     """Friction of hip and slide."""
+    over: tuple[OverPosition, OverPosition] = (EVERYWHERE, EVERYWHERE)
+    """How friction rises along hip and slide."""
+    effort_offset: tuple[float, float] = (0.0, 0.0)
+    """What the drives show at no effort, N·m and N."""
+    slope_std: tuple[float, float] | None = None
+    """How sure `over` is of an empty machine, 1/rad and 1/m; None with a patient."""
     frictional: tuple[bool, ...] = ()
     """Which of the considered parameters are of friction."""
 
@@ -120,14 +127,14 @@ class Leg:
     monitored: Monitored = field(default_factory=Monitored)
     mechanism: tuple[float, ...] = field(init=False)
     """`parameters` as a plain tuple, which compiled functions read faster."""
-    friction_laws: tuple[tuple[float, ...], tuple[float, ...]] = field(init=False)
-    """`friction` as plain tuples."""
+    friction_laws: tuple[Law, Law] = field(init=False)
+    """`friction` and how it rises along the axes, as plain tuples."""
 
     def __post_init__(self) -> None:
         """Convert the parameters for the compiled functions."""
-        hip, slide = self.friction
+        hip, slide = zip(self.friction, self.observers.over, strict=True)
         self.mechanism = tuple(map(float, self.parameters))
-        self.friction_laws = tuple(map(float, hip)), tuple(map(float, slide))
+        self.friction_laws = _plain(hip), _plain(slide)
 
     @property
     def friction(self) -> tuple[FrictionParameters, FrictionParameters]:
@@ -220,3 +227,8 @@ class Core:
     def publish(self, events: Iterable[Event]) -> None:
         """Publish events with one of the next records."""
         self.events.extend(events)
+
+
+def _plain(friction: tuple[FrictionParameters, OverPosition]) -> Law:
+    law, over = friction
+    return tuple(map(float, law)), tuple(map(float, over))

@@ -58,12 +58,11 @@ def decoded_robot(document: Document, *, to_calibrate: bool = False) -> Robot:
 
 def friction_laws_are_laws(file: Path, robot: Robot) -> Errors:
     """A hump of (13) that turns over; damping of bristles that an axis does not have."""
-    for axis, levels in enumerate(_levels(robot)):
-        for f in levels:
-            least = smallest_stribeck(f)
-            if f.stribeck <= least:
-                allowed = f"> {least:.4g}, coulomb tanh(peak / transition) + viscous peak"
-                yield ConfigError(file, friction_key(axis, "stribeck"), f.stribeck, allowed)
+    for axis, f in enumerate(friction_parameters(robot)):
+        least = smallest_stribeck(f)
+        if f.stribeck <= least:
+            allowed = f"> {least:.4g}, coulomb tanh(peak / transition) + viscous peak"
+            yield ConfigError(file, friction_key(axis, "stribeck"), f.stribeck, allowed)
     yield from bristles_are_whole(file, robot)
 
 

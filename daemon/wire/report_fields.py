@@ -53,6 +53,8 @@ EVENT_FIELDS: Final[Mapping[EventCode, tuple[str, ...]]] = {
     EventCode.TEMPERATURE_BACK: (),
     EventCode.CLONUS_BEGUN: (),
     EventCode.CALIBRATION_ADVISED: ("friction_error_si", "correlation"),
+    EventCode.OFFSET_FOUND: ("offset_si", "allowed_si"),
+    EventCode.SLOPE_FOUND: ("slope_si", "allowed_si"),
     EventCode.BASELINE_BEGUN: (),
     EventCode.BASELINE_TAKEN: ("stride_count", "kept_hip_nm", "kept_slide_n"),
     EventCode.BASELINE_REFUSED: ("finding", "value", "limit"),

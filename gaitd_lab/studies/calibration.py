@@ -16,7 +16,8 @@ import numpy as np
 from gaitd_toml import load_toml
 
 from analysis.calibration.figures import draw_friction, draw_residuals
-from analysis.calibration.quantities import QUANTITIES, value_of
+from analysis.calibration.fit import Result
+from analysis.calibration.quantities import COUNT, NOISE, QUANTITIES, value_of
 from analysis.calibration.session import Calibration, calibrate
 from analysis.recording import Recording
 from analysis.replay import Source
@@ -26,7 +27,7 @@ from daemon.config.shipped import configs_folder
 from gaitd_lab.excitation import EmptyMachine
 from gaitd_lab.studies.report import Cell, Report, Table, measured, write
 
-SEEDS: Final = 10
+SEEDS: Final = 20
 FITTED: Final = ("friction_hip", "friction_slide")
 HELD_OUT: Final = "open_loop"
 FILE: Final = "robot_empty.toml"
@@ -109,38 +110,72 @@ def drawn(config: Path, seed: int) -> Drawn:
     return Drawn(made, (hip, slide))
 
 
-def tables(draws: Sequence[Drawn], truth: Robot) -> tuple[Table, Table]:
-    """Return the calibrated quantities beside their truth, and the scores before and after."""
+def tables(draws: Sequence[Drawn], truth: Robot) -> tuple[Table, ...]:
+    """Return the calibrated quantities beside their truth, the scores, and what intervals hold."""
     head = ("quantity", "unit", "file before", "truth", "calibrated", "95 %, ±", "error", "inside")
     title = f"`{HELD_OUT}`, which took no part, as the observer sees it with either file"
     return (
         Table(f"Calibrated with {len(draws)} seeds", head, [*_quantities(draws, truth)]),
         Table(title, ("", "before", "after"), [*_scores(draws)]),
+        Table("Share of intervals that hold the truth", ("", "share"), [*_coverage(draws, truth)]),
     )
 
 
-def _quantities(draws: Sequence[Drawn], truth: Robot) -> Iterator[tuple[Cell, ...]]:
+class _Known(NamedTuple):
+    """A quantity with its truth, and its result with each seed."""
+
+    place: int
+    truth: float
+    results: list[Result]
+
+    @property
+    def inside(self) -> list[bool]:
+        """Whether an interval holds the truth, of each seed that calibrated the quantity."""
+        return [
+            abs(one.value - self.truth) <= one.half_interval
+            for one in self.results
+            if one.calibrated
+        ]
+
+
+def _known(draws: Sequence[Drawn], truth: Robot) -> Iterator[_Known]:
     noise = np.median([one.encoder_noise for one in draws], axis=0).tolist()
     for index, quantity in enumerate(QUANTITIES):
         results = [one.calibration.fit.results[index] for one in draws]
         if not results[0].exists:
             continue
-        of_encoder = len(QUANTITIES) - index <= len(noise)
-        true = noise[index - len(QUANTITIES)] if of_encoder else value_of(truth, quantity.key)
+        true = noise[index - COUNT] if _of_encoder(index) else value_of(truth, quantity.key)
         if quantity.key.endswith("time_constant_s"):
             true += PLANT_LAG_S
-        found = [one.value if one.calibrated else None for one in results]
-        inside = [abs(one.value - true) <= one.half_interval for one in results if one.calibrated]
+        yield _Known(index, true, results)
+
+
+def _of_encoder(index: int) -> bool:
+    return index >= NOISE
+
+
+def _quantities(draws: Sequence[Drawn], truth: Robot) -> Iterator[tuple[Cell, ...]]:
+    for one in _known(draws, truth):
+        quantity, found = QUANTITIES[one.place], [got for got in one.results if got.calibrated]
+        errors = (100 * (got.value / one.truth - 1) for got in found if one.truth)
         yield (
             quantity.label,
             quantity.unit,
-            f"{results[0].before:.5g}",
-            f"{true:.3g}" if of_encoder else f"{true:.5g}",
-            f"{np.median([one.value for one in results]):.4g}",
-            f"{np.median([one.half_interval for one in results]):.2g}",
-            measured((one and 100 * (one / true - 1) for one in found), "%"),
-            f"{sum(inside)} of {len(inside)}",
+            f"{one.results[0].before:.5g}",
+            f"{one.truth:.3g}" if _of_encoder(one.place) else f"{one.truth:.5g}",
+            f"{np.median([got.value for got in one.results]):.4g}",
+            f"{np.median([got.half_interval for got in found]):.2g}" if found else None,
+            measured(errors, "%"),
+            f"{sum(one.inside)} of {len(found)}" if found else None,
         )
+
+
+def _coverage(draws: Sequence[Drawn], truth: Robot) -> Iterator[tuple[Cell, ...]]:
+    inside = {QUANTITIES[one.place].label: one.inside for one in _known(draws, truth)}
+    shares = {label: float(np.mean(flags)) for label, flags in inside.items() if flags}
+    lowest = min(shares, key=lambda label: shares[label])
+    yield "all of them", float(np.mean([flag for flags in inside.values() for flag in flags]))
+    yield f"the lowest of a quantity: {lowest}", shares[lowest]
 
 
 def _scores(draws: Sequence[Drawn]) -> Iterator[tuple[Cell, ...]]:

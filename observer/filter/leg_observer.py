@@ -380,15 +380,14 @@ def check_tuning(
         if not (math.isfinite(value) and least <= value <= most):
             raise TuningError(f"{name} = {value}: must be a number in {least}..{most}")
     over_hip, over_slide = tuning.friction_over_position
+    for name, friction in (("hip", hip), ("slide", slide)):
+        least = smallest_stribeck(friction)
+        if friction.stribeck <= least:
+            raise TuningError(
+                f"friction of the {name}: stribeck = {friction.stribeck} must exceed "
+                f"coulomb tanh(peak / transition) + viscous peak = {least:.4g}"
+            )
     along = levels_of(hip, over_hip), levels_of(slide, over_slide)
-    for name, levels in zip(("hip", "slide"), along, strict=True):
-        for friction in levels:
-            least = smallest_stribeck(friction)
-            if friction.stribeck <= least:
-                raise TuningError(
-                    f"friction of the {name}: stribeck = {friction.stribeck} must exceed "
-                    f"coulomb tanh(peak / transition) + viscous peak = {least:.4g}"
-                )
     inertia = smallest_inertia(leg, START_RATIO_MIN)
     try:
         needed = max(

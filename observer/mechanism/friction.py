@@ -8,8 +8,9 @@
 The static law is odd, dissipative (F_s v >= 0) and equals F^ exactly at the peak speed v_p. The
 gate holds the friction state at rest, where it keeps the load; in motion the state follows the law.
 
-Its level may rise along the axis, as where a seal or a rail is not straight: Stribeck's and
-Coulomb's level times 1 + slope (q - middle), which stays between the bounds of LEVEL_RATIOS.
+Its level may rise along the axis, as where a seal or a rail is not straight: Coulomb's level and
+the hump times 1 + slope (q - middle), which stays between the bounds of LEVEL_RATIOS. Viscous
+friction stays, so that a law is one at each level.
 
 An axis may have bristles instead of (11); (12) then only decides what counts as standstill. Canudas
 de Wit, Olsson, Astrom, Lischinsky, "A new model for control of systems with friction", IEEE Trans.
@@ -91,9 +92,9 @@ def at_position(f: FrictionParameters, over: OverPosition, position: float) -> F
 
 @inline
 def at_level(f: FrictionParameters, ratio: float) -> FrictionParameters:
-    """The friction of an axis with Stribeck's and Coulomb's level times a ratio."""
+    """The friction of an axis with Coulomb's level and the hump times a ratio."""
     return FrictionParameters(
-        ratio * f.stribeck,
+        ratio * f.stribeck + (1.0 - ratio) * f.viscous * f.peak,
         ratio * f.coulomb,
         f.viscous,
         f.transition,

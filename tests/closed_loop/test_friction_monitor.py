@@ -19,11 +19,13 @@ def advice(session):
 
 
 def test_friction_a_tenth_higher_than_calibrated_is_told_once_with_its_size(tmp_path):
+    """The hip's is higher everywhere; the slide's rises along it, which its file does not say."""
     configs = empty_machine(tmp_path)
     plant = configs / "plant.toml"
     plant.write_text(plant.read_text().replace('"robot_empty.toml"', '"robot_worn.toml"'))
     worn = (configs / "robot_empty.toml").read_text()
     worn = worn.replace("stribeck_nm = 7.0", "stribeck_nm = 7.7")
+    worn = worn.replace("slide.slope_per_m = 0.0", "slide.slope_per_m = 0.9")
     (configs / "robot_worn.toml").write_text(worn.replace("coulomb_nm = 6.0", "coulomb_nm = 6.6"))
     session = excited(configs)
 
@@ -35,6 +37,10 @@ def test_friction_a_tenth_higher_than_calibrated_is_told_once_with_its_size(tmp_
     assert advised.subject == "right/hip"
     assert 0.0 < error_nm < 1.0
     assert correlation < 0.0
+    (rising,) = reported(session.records, EventCode.SLOPE_FOUND)
+    assert rising.subject == "right/slide"
+    assert rising.values == pytest.approx((0.9, 3.0 * 0.15), rel=0.4)
+    assert not reported(session.records, EventCode.OFFSET_FOUND)
 
 
 @pytest.mark.thorough

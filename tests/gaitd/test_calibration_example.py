@@ -44,7 +44,9 @@ def test_the_table_has_the_error_of_each_draw_as_median_and_range(config):
     truth = load_toml(config.with_name(TRUE_FILE), Robot)
     assert value_of(truth, COULOMB) == 8.0
 
-    quantities, scores = tables([drawn(8.08, 0.1), drawn(8.0, 0.3), drawn(7.92, 0.2)], truth)
+    quantities, scores, coverage = tables(
+        [drawn(8.08, 0.1), drawn(8.0, 0.3), drawn(7.92, 0.2)], truth
+    )
 
     rows = {row[0]: row[1:] for row in quantities.rows}
     *shown, error, inside = rows["hip coulomb"]
@@ -54,3 +56,5 @@ def test_the_table_has_the_error_of_each_draw_as_median_and_range(config):
     assert "slide coulomb" not in rows  # a part that the machine does not have
     found = {row[0]: row[1:] for row in scores.rows}["false hip torque, N·m rms while moving"]
     assert found == (Measured(2.3, 2.3, 2.3), Measured(0.2, 0.1, 0.3))
+    assert [share for _, share in coverage.rows] == pytest.approx([1 / 3, 1 / 3])
+    assert "hip coulomb" in coverage.rows[1][0]

@@ -161,6 +161,26 @@ def test_a_wrong_mass_and_a_wrong_spring_are_not_taken_for_friction(recordings):
         assert axis.friction_ratio == pytest.approx(right.friction_ratio, abs=0.02)
 
 
+def test_the_file_s_offset_and_its_friction_along_the_axis_are_taken_off(recordings):
+    first, *_ = sorted((recordings / "worn").iterdir())
+    (test,) = stays_in(first, "right", "self_test").found
+    robot = load_toml(ROBOT, Robot)
+    at_m = float(np.median(test.recording.position[:, 1]))
+    moved = {
+        "effort_offset.hip.torque_nm": 1.0,
+        "friction_over_position.slide.slope_per_m": 1.0,
+        "friction_over_position.slide.middle_m": at_m - 0.2,
+    }
+
+    hip, slide = friction_of(test, robot)
+    hip_there, slide_there = friction_of(test, replaced(robot, moved))
+
+    assert hip_there.load_error_si == pytest.approx(hip.load_error_si - 1.0, abs=0.01)
+    assert hip_there.friction_ratio == pytest.approx(hip.friction_ratio, abs=1e-3)
+    assert slide_there.friction_ratio == pytest.approx(slide.friction_ratio / 1.2, rel=0.05)
+    assert slide_there.friction_si == pytest.approx(slide.friction_si, rel=0.01)
+
+
 def test_half_a_test_is_not_used(recordings):
     first, *_ = sorted((recordings / "worn").iterdir())
     (test,) = stays_in(first, "right", "self_test").found

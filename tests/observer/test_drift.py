@@ -8,14 +8,20 @@ import pytest
 from observer.drift import (
     CERTAIN_EDGES,
     Drift,
+    Sample,
     asks_for_calibration,
     correlation,
     friction_error,
     is_no_friction,
+    is_offset,
+    is_sloped,
+    offset_error,
+    slope_error,
     updated,
 )
 from observer.filter.leg_observer import setup_of
 from observer.filter.status import Validity
+from observer.mechanism.friction import EVERYWHERE, OverPosition
 from observer.offline import batch
 from tests.observer.trainer import (
     HIP,
@@ -53,8 +59,8 @@ def drifts(estimates, laws=LAWS):
         drift = Drift()
         for k in range(50, len(estimates.state)):
             if estimates.validity[k, axis] == Validity.OK:
-                speed, patient = estimates.state[k, 2 + axis], estimates.state[k, 6 + axis]
-                drift = updated(drift, law, float(speed), float(patient), 0.01)
+                row = *estimates.state[k, axis::2][[0, 1, 3]], estimates.std[k, 6 + axis]
+                drift = updated(drift, law, Sample(*map(float, row)), 0.01)
         found.append(drift)
     return found
 
@@ -70,6 +76,32 @@ def test_friction_that_is_as_calibrated_asks_for_nothing(excited):
         assert abs(correlation(drift)) < 0.6
         assert abs(friction_error(drift)) < 0.01 * law.coulomb
         assert not asks_for_calibration(drift, law)
+
+
+@pytest.mark.parametrize(
+    ("file", "slope", "offset_nm"),
+    [
+        ({}, 0.0, 0.0),
+        ({"friction_over_position": (OverPosition(0.4, 0.3), EVERYWHERE)}, -0.4, 0.0),
+        ({"effort_offset": (1.0, 0.0)}, 0.0, -1.0),
+    ],
+)
+def test_a_slope_or_an_offset_beyond_the_file_s_is_seen_and_its_own_is_none(
+    excited, file, slope, offset_nm
+):
+    """The machine has neither: a file with one is off by it."""
+    setup = setup_of(PROTOTYPE, *LAWS, SHIPPED._replace(**file))
+
+    hip, slide = drifts(batch.run(setup, excited))
+
+    assert slope_error(hip, HIP) == pytest.approx(slope, abs=0.08)
+    assert is_sloped(hip, HIP, 0.1) is (slope != 0.0)
+    assert not is_sloped(hip, HIP, 0.2)
+    assert offset_error(hip) == pytest.approx(offset_nm, abs=0.1)
+    assert is_offset(hip) is (offset_nm != 0.0)
+    assert not asks_for_calibration(hip, HIP)
+    assert not is_offset(slide)
+    assert not is_sloped(slide, SLIDE_FRICTION, 0.1)
 
 
 @pytest.mark.parametrize("ratio", [0.8, 0.9, 1.1, 1.2])
@@ -113,7 +145,8 @@ def test_what_exceeds_the_law_itself_with_the_motion_is_no_friction(along, acros
     for row in range(2000):
         sign = math.copysign(1.0, math.sin(row / 50.0))
         other = math.copysign(across, math.sin(row / 7.0))
-        drift = updated(drift, HIP, sign, (along * sign + other) * HIP.coulomb, 0.01)
+        patient = (along * sign + other) * HIP.coulomb
+        drift = updated(drift, HIP, Sample(0.0, sign, patient, 0.0), 0.01)
 
     assert is_no_friction(drift, HIP) is expected
 
@@ -121,18 +154,22 @@ def test_what_exceeds_the_law_itself_with_the_motion_is_no_friction(along, acros
 def test_rest_and_slow_motion_count_for_nothing():
     drift = Drift()
     for speed in (0.0, HIP.edge, -CERTAIN_EDGES * HIP.edge):
-        drift = updated(drift, HIP, speed, 5.0, 0.01)
+        drift = updated(drift, HIP, Sample(0.0, speed, 5.0, 0.1), 0.01)
 
     assert drift == Drift()
     assert math.isnan(correlation(drift))
     assert math.isnan(friction_error(drift))
+    assert math.isnan(offset_error(drift))
+    assert math.isnan(slope_error(drift, HIP))
     assert not asks_for_calibration(drift, HIP)
+    assert not is_offset(drift)
+    assert not is_sloped(drift, HIP, 0.0)
 
 
 def test_motion_in_one_direction_only_tells_nothing():
     drift = Drift()
     for _ in range(1000):
-        drift = updated(drift, HIP, 0.5, -3.0, 0.01)
+        drift = updated(drift, HIP, Sample(0.0, 0.5, -3.0, 0.1), 0.01)
 
     assert math.isnan(correlation(drift))
 
@@ -143,7 +180,8 @@ def test_old_motion_is_forgotten():
     def moved(drift, error, seconds):
         for k in range(int(seconds * 100)):
             speed = math.copysign(0.5, math.sin(2 * math.pi * k / 200))
-            drift = updated(drift, HIP, speed, -math.copysign(error, speed), 0.01)
+            sample = Sample(0.0, speed, -math.copysign(error, speed), 0.1)
+            drift = updated(drift, HIP, sample, 0.01)
         return drift
 
     drift = moved(Drift(), 1.0, 20.0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from observer.filter.leg_observer import TuningError, check_tuning, setup_of
-from observer.mechanism.friction import OverPosition, at_position
+from observer.mechanism.friction import OverPosition, at_position, smallest_stribeck
 from observer.offline.batch import Columns, run
 from tests.observer.trainer import HIP, PATIENT, SLIDE_FRICTION, TUNING, encoded, gait, simulate
 
@@ -15,9 +15,13 @@ def test_friction_at_a_position_has_other_levels_and_the_same_speeds():
     over = OverPosition(0.5, 0.2)
 
     assert at_position(HIP, over, 0.2) == HIP
-    assert at_position(HIP, over, 0.4) == HIP._replace(
-        stribeck=pytest.approx(1.1 * HIP.stribeck), coulomb=pytest.approx(1.1 * HIP.coulomb)
+    higher = at_position(HIP, over, 0.4)
+    assert higher == HIP._replace(
+        stribeck=pytest.approx(1.1 * HIP.stribeck - 0.1 * HIP.viscous * HIP.peak),
+        coulomb=pytest.approx(1.1 * HIP.coulomb),
     )
+    hump = HIP.stribeck - smallest_stribeck(HIP)
+    assert higher.stribeck - smallest_stribeck(higher) == pytest.approx(1.1 * hump)
     assert at_position(HIP, over, -9.0).coulomb == pytest.approx(0.5 * HIP.coulomb)
     assert at_position(HIP, over, 9.0).coulomb == pytest.approx(1.5 * HIP.coulomb)
 

@@ -10,7 +10,13 @@ from analysis.replay import Source
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
 from observer.jit import kernel
-from observer.mechanism.friction import FrictionParameters, friction_after
+from observer.mechanism.friction import (
+    EVERYWHERE,
+    FrictionParameters,
+    OverPosition,
+    at_position,
+    friction_after,
+)
 from observer.mechanism.linkage import bounded_acceleration
 from observer.mechanism.mechanism import gravity
 
@@ -23,7 +29,7 @@ NOISE = np.array([5e-5, 2e-5])
 
 
 @kernel
-def _simulate(leg, hip, slide, start, drive, position):
+def _simulate(leg, hip, slide, over_hip, over_slide, start, drive, position):
     q1, q2, v1, v2, f1, f2 = start[0], start[1], 0.0, 0.0, 0.0, 0.0
     for row in range(drive.shape[0]):
         for _ in range(STEPS):
@@ -34,8 +40,8 @@ def _simulate(leg, hip, slide, start, drive, position):
             v2 += STEP_S * a2
             q1 += STEP_S * v1
             q2 += STEP_S * v2
-            f1 = friction_after(hip, f1, v1, STEP_S)
-            f2 = friction_after(slide, f2, v2, STEP_S)
+            f1 = friction_after(at_position(hip, over_hip, q1), f1, v1, STEP_S)
+            f2 = friction_after(at_position(slide, over_slide, q2), f2, v2, STEP_S)
         position[row, 0], position[row, 1] = q1, q2
 
 
@@ -67,8 +73,13 @@ def empty_run(
     slide: bool = True,
     disturbance=None,
     robot: Robot | None = None,
+    over: tuple[OverPosition, OverPosition] = (EVERYWHERE, EVERYWHERE),
+    offset: tuple[float, float] = (0.0, 0.0),
 ) -> Source:
-    """Sines from sticking to fast about g of the mean pose, as `excite open_loop` plays them."""
+    """Sines from sticking to fast about g of the mean pose, as `excite open_loop` plays them.
+
+    `over` is how friction rises along the axes, `offset` what the drives show at no effort.
+    """
     leg = leg_parameters(robot or robot_file())
     hip, rail = friction
     time_s = np.arange(round(duration_s / 0.01)) * 0.01
@@ -82,10 +93,10 @@ def empty_run(
     drive += gravity(leg, MIDDLE)
     acting = drive if disturbance is None else drive + disturbance(time_s)
     position = np.empty(drive.shape)
-    _simulate(leg, hip, rail, MIDDLE, acting, position)
+    _simulate(leg, hip, rail, *over, MIDDLE, acting, position)
     noise = np.random.default_rng(seed).normal(size=position.shape) * NOISE
     measured = np.round((position + noise) / QUANTUM) * QUANTUM
-    values = np.column_stack((time_s, measured, drive))
+    values = np.column_stack((time_s, measured, drive + np.array(offset)))
     return Source(recording("empty.csv", values), None, "", None)
 
 

@@ -39,6 +39,10 @@ class EventCode(StrEnum):
     TEMPERATURE_BACK = auto()
     CLONUS_BEGUN = auto()
     CALIBRATION_ADVISED = auto()
+    OFFSET_FOUND = auto()
+    """An empty machine shows an effort that its file does not allow."""
+    SLOPE_FOUND = auto()
+    """Its friction rises along an axis as its file does not allow."""
     BASELINE_BEGUN = auto()
     """The minute with a passive patient has begun: an earlier baseline is no longer in force."""
     BASELINE_TAKEN = auto()

@@ -27,7 +27,7 @@ from daemon.core.motion.gait_shape import GaitShape, Pair
 from daemon.core.safety.limits import AxisLimits
 from daemon.ipc.record import ModeRequest
 from daemon.ipc.report import Progress, Refusal
-from observer.mechanism.friction import FrictionParameters
+from observer.mechanism.friction import FrictionParameters, OverPosition
 from observer.mechanism.parameters import LegParameters
 
 BEGIN_MAX_S: Final = 20.0
@@ -58,6 +58,10 @@ class LegStart(NamedTuple):
     shape: GaitShape
     limits: tuple[AxisLimits, AxisLimits]
     friction: tuple[FrictionParameters, FrictionParameters]
+    over: tuple[OverPosition, OverPosition]
+    """How friction rises along the axes."""
+    effort_offset: Pair
+    """What the drives show at no effort: N·m, N."""
     phase_offset_strides: float
     pose: Pair
     """The present reference of a guided leg, else the measured pose: hip in rad, slide in m."""

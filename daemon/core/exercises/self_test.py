@@ -5,8 +5,9 @@ friction's peak. Over the second half of each way the effort exerted, less g(q),
 
     forth    + friction + load error           back    - friction + load error
 
-so half the difference is friction, and half the sum is the load error relative to the configured
-leg. No other effort acts: the speed is constant, and the patient lies relaxed. The test checks
+so half the difference is friction in the middle of the way. Half the sum, less the offset that the
+drive is known to show, is the load error relative to the configured leg. No other effort acts: the
+speed is constant, and the patient lies relaxed. The test checks
 
     sign        the joint has moved as its reference, and its effort acts along the motion
     load        within the tolerance of the trainer file
@@ -31,7 +32,7 @@ from daemon.core.exercises.exercise import Exercise, LegSample, LegStart, Refere
 from daemon.core.motion.gait_shape import Pair
 from daemon.ipc.record import ModeRequest
 from daemon.ipc.report import Progress, Refusal
-from observer.mechanism.friction import static_friction_of
+from observer.mechanism.friction import at_position, static_friction_of
 from observer.mechanism.mechanism import singularity_ratio
 
 RAMP_S: Final = 0.2
@@ -57,8 +58,10 @@ class Way(NamedTuple):
     """Signed distance, in the direction in which there is room."""
     speed_si_per_s: float
     friction_si: float
-    """Friction from robot.toml at that speed."""
+    """Friction from robot.toml at that speed, in the middle of the way."""
     load_tolerance_si: float
+    effort_offset_si: float = 0.0
+    """What the drive shows at no effort, from robot.toml."""
 
 
 class Sums(NamedTuple):
@@ -218,12 +221,16 @@ class SelfTest(Exercise):
 def _way(leg: LegStart, index: int, config: CoreConfig) -> Way:
     rules = config.self_test
     speed_si = speeds(rules)[index]
+    distance_si = _direction(leg, index, config) * distances(rules)[index]
+    middle_si = leg.pose[index] + distance_si / 2
+    law = at_position(leg.friction[index], leg.over[index], middle_si)
     return Way(
         name=leg.axis_names[index],
-        distance_si=_direction(leg, index, config) * distances(rules)[index],
+        distance_si=distance_si,
         speed_si_per_s=speed_si,
-        friction_si=static_friction_of(leg.friction[index], speed_si),
+        friction_si=static_friction_of(law, speed_si),
         load_tolerance_si=load_tolerances(rules)[index],
+        effort_offset_si=leg.effort_offset[index],
     )
 
 
@@ -299,7 +306,7 @@ def _result(way: Way, sums: Sums, ratios: Pair, failure: Failure) -> AxisResult:
         name=way.name,
         friction_si=friction_si,
         friction_ratio=friction_si / way.friction_si,
-        load_error_si=(forth_si + back_si) / 2,
+        load_error_si=(forth_si + back_si) / 2 - way.effort_offset_si,
         moved_si=sums.moved_forth_si,
     )
     fault, value, limit = _fault(way, sums, result, ratios)

@@ -16,7 +16,7 @@ from daemon.config.robot import (
     leg_parameters,
     observer_tuning,
 )
-from daemon.config.settings import Commissioning, Reference, Trainer
+from daemon.config.settings import Commissioning, Reference, Robot, Trainer
 from daemon.core.core_config import CoreConfig
 from daemon.core.exercises.single_axis import HomingRules, PushRules, SingleAxis
 from daemon.core.modes.persistent_state import PersistentState, PoseRules, Wiring
@@ -207,12 +207,9 @@ def _leg(
 ) -> Leg:
     parameters = leg_parameters(settings.robot)
     hip_friction, slide_friction = friction_parameters(settings.robot)
+    tuning = observer_tuning(settings.robot)
     observer = LegObserver(
-        parameters,
-        hip_friction,
-        slide_friction,
-        observer_tuning(settings.robot),
-        considered(settings.robot),
+        parameters, hip_friction, slide_friction, tuning, considered(settings.robot)
     )
     trainer = settings.trainer
     rules = tuple(
@@ -231,11 +228,22 @@ def _leg(
             LegSmoother(observer),
             StrideCounter(),
             (hip_friction, slide_friction),
+            tuning.friction_over_position,
+            tuning.effort_offset,
+            _slope_std(settings.robot),
             frictional(settings.robot),
         ),
         passive=passive.from_file(drives.baseline),
         phase_offset_strides=phase,
     )
+
+
+def _slope_std(robot: Robot) -> tuple[float, float] | None:
+    """How sure an empty machine's friction over position is; None with a patient."""
+    if robot.patient is not None:
+        return None
+    unsure = robot.uncertainty
+    return unsure.hip.friction_slope_per_rad, unsure.slide.friction_slope_per_m
 
 
 def wiring_of(drive: DriveDescription) -> Wiring:

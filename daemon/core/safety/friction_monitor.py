@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from observer.drift import Drift, updated
+from observer.drift import Drift, Sample, updated
 from observer.filter.leg_observer import LegEstimate
 from observer.filter.status import Status, Validity
 from observer.mechanism.friction import FrictionParameters
@@ -20,4 +20,6 @@ def update(
     """
     if estimate.status & DOUBTFUL or estimate.validity[index] is not Validity.OK:
         return None
-    return updated(drift, law, estimate.state[2 + index], estimate.state[6 + index], dt_s)
+    state, std = estimate.state, estimate.std
+    sample = Sample(state[index], state[2 + index], state[6 + index], std[6 + index])
+    return updated(drift, law, sample, dt_s)

@@ -14,13 +14,21 @@ squared), some 2 N·m and 10 N, so a single cycle is not conclusive.
 from typing import NamedTuple
 
 from daemon.core.safety.joints import Joint
-from observer.jit import kernel
-from observer.mechanism.friction import FrictionParameters, static_friction
+from observer.jit import inline, kernel
+from observer.mechanism.friction import (
+    FrictionParameters,
+    OverPosition,
+    at_position,
+    static_friction,
+)
 from observer.mechanism.linkage import dynamics
 from observer.mechanism.parameters import LegParameters
 
 Pair = tuple[float, float]
 """Hip and slide: N·m and N, rad and m."""
+
+Law = tuple[tuple[float, ...], tuple[float, ...]]
+"""`FrictionParameters` of an axis and its `OverPosition`, as plain tuples."""
 
 ROW = 3
 """Number of samples of both axes in a row that the inverse dynamics need."""
@@ -66,7 +74,7 @@ class InverseDynamics(NamedTuple):
 def evaluate(
     before: InverseDynamics,
     leg: tuple[float, ...],
-    frictions: tuple[tuple[float, ...], tuple[float, ...]],
+    frictions: tuple[Law, Law],
     joints: tuple[Joint, Joint],
 ) -> InverseDynamics:
     """The inverse dynamics after this cycle's samples.
@@ -74,7 +82,7 @@ def evaluate(
     Args:
         before: result of the previous cycle.
         leg: `LegParameters` of the mechanism, as a plain tuple.
-        frictions: `FrictionParameters` of hip and slide, eq. (13), as plain tuples.
+        frictions: of hip and slide, eq. (13).
         joints: hip and slide at this cycle's samples; a missing sample restarts the count.
     """
     hip, slide = joints
@@ -128,7 +136,7 @@ class Needed(NamedTuple):
 
 def needed(
     leg: tuple[float, ...],
-    frictions: tuple[tuple[float, ...], tuple[float, ...]],
+    frictions: tuple[Law, Law],
     position: Pair,
     velocity: Pair,
     acceleration: Pair,
@@ -148,17 +156,26 @@ def needed(
     return Needed((hip, slide), (certain_hip, certain_slide))
 
 
-def warm_up(leg: tuple[float, ...], frictions: tuple[tuple[float, ...], tuple[float, ...]]) -> None:
+def warm_up(leg: tuple[float, ...], frictions: tuple[Law, Law]) -> None:
     """Compile the kernels or load them from the cache, before the first cycle."""
     _terms(leg, frictions[0], frictions[1], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     needed(leg, frictions, (0.0, 0.0), (0.0, 0.0), (0.0, 0.0))
 
 
+@inline
+def _friction(of: Law, position: float, speed: float) -> float:
+    """Friction of the static law (13) where an axis is."""
+    law, over = of
+    return static_friction(
+        at_position(FrictionParameters(*law), OverPosition(*over), position), speed
+    )
+
+
 @kernel
 def _terms(
     leg: tuple[float, ...],
-    hip_friction: tuple[float, ...],
-    slide_friction: tuple[float, ...],
+    hip_friction: Law,
+    slide_friction: Law,
     hip: float,
     slide: float,
     hip_speed: float,
@@ -174,16 +191,16 @@ def _terms(
         d.m22 * slide_acceleration,
         d.m12 * slide_acceleration,
         d.m12 * hip_acceleration,
-        static_friction(FrictionParameters(*hip_friction), hip_speed),
-        static_friction(FrictionParameters(*slide_friction), slide_speed),
+        _friction(hip_friction, hip, hip_speed),
+        _friction(slide_friction, slide, slide_speed),
     )
 
 
 @kernel
 def _needed(
     leg: tuple[float, ...],
-    hip_friction: tuple[float, ...],
-    slide_friction: tuple[float, ...],
+    hip_friction: Law,
+    slide_friction: Law,
     hip: float,
     slide: float,
     hip_speed: float,
@@ -198,8 +215,8 @@ def _needed(
     slide_need = moving.m12 * hip_acceleration + moving.m22 * slide_acceleration
     hip_need += moving.bias_hip - resting.bias_hip
     slide_need += moving.bias_slide - resting.bias_slide
-    hip_whole = hip_need + static_friction(FrictionParameters(*hip_friction), hip_speed)
-    slide_whole = slide_need + static_friction(FrictionParameters(*slide_friction), slide_speed)
+    hip_whole = hip_need + _friction(hip_friction, hip, hip_speed)
+    slide_whole = slide_need + _friction(slide_friction, slide, slide_speed)
     return hip_whole, slide_whole, _less(hip_need, hip_whole), _less(slide_need, slide_whole)
 
 

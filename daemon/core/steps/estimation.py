@@ -13,13 +13,24 @@ from msgspec.structs import replace
 from daemon.core.motion.gait_shape import Pair
 from daemon.core.safety import friction_monitor
 from daemon.core.safety.joints import Joint
-from daemon.core.slices import Estimated
+from daemon.core.slices import Advice, Estimated
 from daemon.core.state import Leg, Observers
 from daemon.core.steps import monitors
 from daemon.core.steps.sampling import effort_std
 from daemon.core.tick import Tick
 from daemon.ipc.report import Event
-from observer.drift import Drift, asks_for_calibration, correlation, friction_error
+from observer.drift import (
+    SIGMAS,
+    Drift,
+    asks_for_calibration,
+    correlation,
+    friction_error,
+    is_offset,
+    is_sloped,
+    offset_allowed,
+    offset_error,
+    slope_error,
+)
 from observer.filter.considered import Known
 from observer.filter.leg_observer import LegEstimate, PoseError
 from observer.filter.status import Validity
@@ -108,7 +119,7 @@ def estimate(observers: Observers, before: Estimated, inputs: ObserverInputs) ->
         stride=stride,
         stride_count=before.stride_count + (stride is not None),
         drifts=drifts,
-        calibration_advised=_advised(before, drifts, observers.friction),
+        advice=(_advised(before, drifts, observers, 0), _advised(before, drifts, observers, 1)),
     )
 
 
@@ -118,20 +129,29 @@ def cleared(before: Estimated) -> Estimated:
         artificial=before.artificial,
         stride_count=before.stride_count,
         drifts=before.drifts,
-        calibration_advised=before.calibration_advised,
+        advice=before.advice,
     )
 
 
 def news(leg: Leg, before: Estimated, after: Estimated) -> Iterator[Event]:
-    """Advice to calibrate the friction of an axis of an empty machine, once.
+    """Advice to calibrate an axis of an empty machine, once for each reason.
 
     A patient who pushes with the motion looks like low friction.
     """
     for index, axis in enumerate(leg.axes):
-        if after.calibration_advised[index] and not before.calibration_advised[index]:
-            drift = after.drifts[index]
+        old, new, drift = before.advice[index], after.advice[index], after.drifts[index]
+        if new is old:
+            continue
+        if new.friction and not old.friction:
             numbers = friction_error(drift), correlation(drift)
             yield Event(EventCode.CALIBRATION_ADVISED, axis.name, numbers)
+        if new.offset and not old.offset:
+            numbers = offset_error(drift), offset_allowed(drift)
+            yield Event(EventCode.OFFSET_FOUND, axis.name, numbers)
+        if new.slope and not old.slope:
+            slope_std = leg.observers.slope_std or (math.nan, math.nan)
+            numbers = slope_error(drift, leg.observers.friction[index]), SIGMAS * slope_std[index]
+            yield Event(EventCode.SLOPE_FOUND, axis.name, numbers)
 
 
 def _start(observers: Observers, measured: Pair) -> bool:
@@ -162,14 +182,13 @@ def _drifts(
 
 
 def _advised(
-    before: Estimated,
-    drifts: tuple[Drift, Drift],
-    friction: tuple[FrictionParameters, FrictionParameters],
-) -> tuple[bool, bool]:
-    """Whether to calibrate the axes; a drift that has not changed is not judged again."""
-    hip, slide = before.calibration_advised
-    if drifts[0] is not before.drifts[0]:
-        hip = asks_for_calibration(drifts[0], friction[0])
-    if drifts[1] is not before.drifts[1]:
-        slide = asks_for_calibration(drifts[1], friction[1])
-    return hip, slide
+    before: Estimated, drifts: tuple[Drift, Drift], observers: Observers, index: int
+) -> Advice:
+    """Why to calibrate an axis; a drift that has not changed is not judged again."""
+    drift, law, slope_std = drifts[index], observers.friction[index], observers.slope_std
+    if drift is before.drifts[index]:
+        return before.advice[index]
+    friction = asks_for_calibration(drift, law)
+    if slope_std is None:
+        return Advice(friction)
+    return Advice(friction, is_offset(drift), is_sloped(drift, law, slope_std[index]))

@@ -185,6 +185,8 @@ def _starts(core: Core) -> list[LegStart]:
             shape=leg.shape,
             limits=_limits(leg),
             friction=leg.friction,
+            over=leg.observers.over,
+            effort_offset=leg.observers.effort_offset,
             phase_offset_strides=leg.phase_offset_strides,
             pose=(
                 leg.reference.position

@@ -17,6 +17,7 @@ from analysis.calibration.process_noise import LAW_KEYS, with_process_noise
 from analysis.calibration.session import Calibration, calibrate
 from analysis.recording import RecordingError
 from analysis.replay import Source, estimate, estimate_smoothed
+from daemon.config.edits import replaced
 from daemon.config.robot import friction_parameters
 from daemon.config.settings import Robot
 from gaitd_lab.studies.ablation.choices import CHOICES
@@ -91,10 +92,12 @@ def compare(
     made = calibrate([source], first, progress=progress, with_noise=True)
     if why := [reason for limit, reason in made.missed if limit != "mechanism"]:
         raise RecordingError(f"{records[0].recording.source}: {'; '.join(why)}")
-    offset_n = float(made.fit.frame.constants_of(made.fit.natural)[1])
+    offset_n = made.robot.effort_offset.slide.force_n
     given = {key: attrgetter(key)(first.observer) for key in made.process_noise}
-    plain = with_process_noise(made.robot, given)
-    runs = _observers(first, plain, made.robot)
+    # Taken off the records, for the classical observers as well.
+    noisy = replaced(made.robot, {"effort_offset.slide.force_n": 0.0})
+    plain = with_process_noise(noisy, given)
+    runs = _observers(first, plain, noisy)
     seen = {name: _situations(records, offset_n) for name in runs}
     seen[PUBLISHED] = _situations(records, PUBLISHED_OFFSET_N)
     last = seen[NOISE][-1]

@@ -41,6 +41,8 @@ START = LegStart(
     shape=gait_shape(TRAINER.gait),
     limits=(LIMITS, SLIDE),
     friction=(),
+    over=(),
+    effort_offset=(0.0, 0.0),
     phase_offset_strides=0.0,
     pose=(0.2, 0.5),
 )

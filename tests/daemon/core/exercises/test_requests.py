@@ -41,6 +41,8 @@ RIGHT = LegStart(
     shape=SHAPE,
     limits=(LIMITS, LIMITS._replace(quick_stop_deceleration_si_per_s2=30.0)),
     friction=(),
+    over=(),
+    effort_offset=(0.0, 0.0),
     phase_offset_strides=0.0,
     pose=(0.1, 0.45),
 )

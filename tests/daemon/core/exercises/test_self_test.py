@@ -18,12 +18,13 @@ from daemon.core.exercises.self_test import AxisResult, SelfTest, Sums, Way, tot
 from daemon.core.motion.gait_shape import gait_shape
 from daemon.ipc.record import ModeRequest
 from daemon.ipc.report import Progress, Refusal
-from observer.mechanism.friction import static_friction_of
+from observer.mechanism.friction import OverPosition, at_position, static_friction_of
 from observer.mechanism.mechanism import singularity_ratio
 
 ROBOT = load_toml(CONFIGS / "robot.toml", Robot)
 TRAINER = load_toml(CONFIGS / "demo.toml", Trainer)
 FRICTION = friction_parameters(ROBOT)
+OVER = OverPosition(0.5, 0.1), OverPosition(-0.8, 0.6)
 CONFIG = SimpleNamespace(
     self_test=TRAINER.self_test, thresholds=SimpleNamespace(singularity_stop_ratio=0.15)
 )
@@ -38,6 +39,8 @@ START = LegStart(
     shape=gait_shape(TRAINER.gait),
     limits=(HIP, SLIDE),
     friction=FRICTION,
+    over=OVER,
+    effort_offset=(1.0, -8.0),
     phase_offset_strides=0.0,
     pose=(0.2, 0.5),
 )
@@ -46,8 +49,8 @@ RUNS = replace(
     SelfTest(
         start=(0.2, 0.5),
         ways=(
-            Way(NAMES[0], 0.08, 0.2, friction_si=6.0, load_tolerance_si=8.0),
-            Way(NAMES[1], -0.04, 0.1, friction_si=60.0, load_tolerance_si=80.0),
+            Way(NAMES[0], 0.08, 0.2, friction_si=6.0, load_tolerance_si=8.0, effort_offset_si=1.0),
+            Way(NAMES[1], -0.04, 0.1, 60.0, load_tolerance_si=80.0, effort_offset_si=-8.0),
         ),
         ratios=(0.5, 1.6),
         wait_s=0.0,
@@ -76,14 +79,18 @@ def test_each_axis_takes_the_first_direction_with_room_for_its_whole_way(limits,
     leg = START._replace(limits=limits, pose=pose)
     (test,) = SelfTest.begin([leg], ModeRequest(), CONFIG)
 
+    def friction(axis, speed, way):
+        middle = pose[axis] + directions[axis] * way / 2
+        return static_friction_of(at_position(FRICTION[axis], OVER[axis], middle), speed)
+
     expected = [
         Way(
             *(NAMES[0], directions[0] * HIP_WAY, 0.1),
-            *(static_friction_of(FRICTION[0], 0.1), 8.0),
+            *(friction(0, 0.1, HIP_WAY), 8.0, 1.0),
         ),
         Way(
             *(NAMES[1], directions[1] * SLIDE_WAY, 0.05),
-            *(static_friction_of(FRICTION[1], 0.05), 80.0),
+            *(friction(1, 0.05, SLIDE_WAY), 80.0, -8.0),
         ),
     ]
     assert test.ways == tuple(expected)
@@ -237,6 +244,7 @@ def played(*, moved_ratio=1.0, back_ratio=1.0, friction_ratio=1.0, error_ratio=0
         excess = [
             friction_ratio * math.copysign(way.friction_si, speed) * (speed != 0)
             + error_ratio * way.load_tolerance_si
+            + way.effort_offset_si
             for way, speed in zip(test.ways, target.velocity, strict=True)
         ]
         sample = SAMPLE._replace(position=tuple(position), excess=excess, fresh=(fresh, fresh))
@@ -291,7 +299,7 @@ def test_a_value_at_its_limit_is_allowed_but_friction_is_more_than_none(
 ):
     efforts = friction_si + load_error_si, 1, load_error_si - friction_si, 1
     sums = Sums(*efforts, moved_forth_si=moved_ratio, moved_back_si=-moved_ratio)
-    way = RUNS.ways[0]._replace(distance_si=1.0)
+    way = RUNS.ways[0]._replace(distance_si=1.0, effort_offset_si=0.0)
     test = replace(RUNS, ways=(way, way), ratios=(0.5, 1.5), sums=(sums, sums))
 
     assert [one.fault for one in test.results()] == [fault, fault]

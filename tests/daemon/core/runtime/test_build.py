@@ -9,6 +9,7 @@ import pytest
 from config_files import CONFIGS
 from msgspec import structs
 
+from daemon.config.edits import replaced
 from daemon.config.settings import AcceptedCalibration
 from daemon.core.exercises.homing import Homing
 from daemon.core.exercises.sign_test import SignTest
@@ -88,6 +89,31 @@ def test_the_first_leg_has_its_axes_and_the_second_walks_half_a_stride_later(bui
         law.stribeck for law in right.friction
     ]
     assert left.observers.observer is not right.observers.observer
+
+
+@pytest.mark.parametrize(("with_patient", "stds"), [(True, None), (False, (0.15, 0.2))])
+def test_a_leg_knows_offsets_and_slopes_and_how_sure_those_of_an_empty_machine_are(
+    with_patient, stds
+):
+    changes = {
+        "effort_offset.slide.force_n": -3.0,
+        "friction_over_position.hip.slope_per_rad": 0.25,
+        "uncertainty.slide.friction_slope_per_m": 0.2,
+    }
+    robot = replaced(SETTINGS.robot, changes)
+    robot = robot if with_patient else structs.replace(robot, patient=None)
+    settings = replace(SETTINGS, robot=robot)
+
+    leg, _ = build.build(settings, "boot", PersistentState()).core.legs
+
+    assert leg.observers.effort_offset == (0.0, -3.0)
+    assert leg.observers.slope_std == stds
+    middles = (
+        robot.friction_over_position.hip.middle_rad,
+        robot.friction_over_position.slide.middle_m,
+    )
+    assert [over for _, over in leg.friction_laws] == [(0.25, middles[0]), (0.0, middles[1])]
+    assert [law for law, _ in leg.friction_laws] == [tuple(law) for law in leg.friction]
 
 
 def test_signs_may_have_to_be_proven_and_poses_to_be_found():

@@ -23,14 +23,24 @@ from daemon.core.safety.inverse_dynamics import ROW, InverseDynamics, evaluate, 
 from daemon.core.safety.joints import Joint
 from daemon.core.safety.sign_response import SAMPLES
 from daemon.preflight.load import load
-from observer.mechanism.friction import static_friction_of
+from observer.mechanism.friction import OverPosition, at_position, static_friction_of
 from observer.mechanism.mechanism import gravity, mass_matrix
 from tests.observer.mechanics import coriolis, damping
 
 ROBOT = load(CONFIGS / "demo.toml").robot
 LEG, FRICTIONS = leg_parameters(ROBOT), friction_parameters(ROBOT)
+OVER = OverPosition(0.5, 0.1), OverPosition(-0.8, 0.55)
+LAWS = tuple((tuple(law), tuple(over)) for law, over in zip(FRICTIONS, OVER, strict=True))
 DT_S = 0.01
 STILL = {"mismatch_cycles": 3, "may_give_torque": True, "free": True, "pose_known": True}
+
+
+def frictions_at(position, velocity):
+    """Friction of both axes where they are."""
+    return [
+        static_friction_of(at_position(law, over, at), speed)
+        for law, over, at, speed in zip(FRICTIONS, OVER, position, velocity, strict=True)
+    ]
 
 
 def joint(position, velocity, effort, **change):
@@ -52,7 +62,7 @@ def balance_of(motion, efforts, count=ROW):
         pair = tuple(
             joint(now[axis], (now[axis] - before[axis]) / DT_S, efforts[axis]) for axis in (0, 1)
         )
-        verdicts = evaluate(verdicts, LEG, FRICTIONS, pair)
+        verdicts = evaluate(verdicts, LEG, LAWS, pair)
     return verdicts
 
 
@@ -74,7 +84,7 @@ def test_a_balance_has_the_terms_of_the_equation_of_motion_at_its_middle_sample(
     assert verdicts.inertia == pytest.approx(tuple(inertia), rel=1e-6)
     assert verdicts.load == pytest.approx(tuple(load_), rel=1e-6)
     for axis in (0, 1):
-        friction = static_friction_of(FRICTIONS[axis], v[axis])
+        friction = frictions_at(q, v)[axis]
         rest = (30.0, -100.0)[axis] - inertia[axis] - load_[axis] - friction
         assert verdicts.residual(axis) == pytest.approx(rest, rel=1e-6)
 
@@ -109,18 +119,12 @@ def test_a_sample_that_is_missing_breaks_the_row():
     verdicts = balance_of(motion, (0.0, 0.0))
     assert verdicts.known
 
-    gone = evaluate(
-        verdicts, LEG, FRICTIONS, (joint(0.2, 0.0, 0.0, fresh=False), joint(0.5, 0.0, 0.0))
-    )
+    gone = evaluate(verdicts, LEG, LAWS, (joint(0.2, 0.0, 0.0, fresh=False), joint(0.5, 0.0, 0.0)))
     assert not gone.known
     assert gone.load == verdicts.load
-    first = evaluate(
-        verdicts, LEG, FRICTIONS, (joint(0.2, 0.0, 0.0, elapsed_s=0.0), joint(0.5, 0, 0))
-    )
+    first = evaluate(verdicts, LEG, LAWS, (joint(0.2, 0.0, 0.0, elapsed_s=0.0), joint(0.5, 0, 0)))
     assert not first.known
-    other = evaluate(
-        verdicts, LEG, FRICTIONS, (joint(0.2, 0.0, 0.0), joint(0.5, 0, 0, elapsed_s=0.0))
-    )
+    other = evaluate(verdicts, LEG, LAWS, (joint(0.2, 0.0, 0.0), joint(0.5, 0, 0, elapsed_s=0.0)))
     assert gone.samples_in_a_row == first.samples_in_a_row == other.samples_in_a_row == 0
 
 
@@ -138,9 +142,9 @@ def test_a_motion_needs_inertia_coriolis_and_dampers_less_friction(
 ):
     q, v, a = np.array((0.2, 0.5)), direction * np.array((0.9, -0.4)), np.array(acceleration)
 
-    found = needed(LEG, FRICTIONS, tuple(q), tuple(v), acceleration)
+    found = needed(LEG, LAWS, tuple(q), tuple(v), acceleration)
 
-    friction = [static_friction_of(of, speed) for of, speed in zip(FRICTIONS, v, strict=True)]
+    friction = frictions_at(q, v)
     expected = mass_matrix(LEG, q) @ a + coriolis(LEG, q, v) + damping(LEG, q, v)
     assert np.all(np.abs(expected) > np.abs(friction))
     assert found.certain == pytest.approx(tuple(expected + np.array(counted) * friction), rel=1e-6)
@@ -149,12 +153,12 @@ def test_a_motion_needs_inertia_coriolis_and_dampers_less_friction(
 
 def test_a_motion_that_friction_brakes_enough_needs_nothing_and_rest_neither():
     q, v = np.array((0.2, 0.5)), np.array((0.9, -0.4))
-    friction = np.array([static_friction_of(of, at) for of, at in zip(FRICTIONS, v, strict=True)])
+    friction = np.array(frictions_at(q, v))
     rest = coriolis(LEG, q, v) + damping(LEG, q, v)
     braking = np.linalg.solve(mass_matrix(LEG, q), -0.5 * friction - rest)
 
-    assert needed(LEG, FRICTIONS, tuple(q), tuple(v), tuple(braking)).certain == (0.0, 0.0)
-    assert needed(LEG, FRICTIONS, tuple(q), (0.0, 0.0), (0.0, 0.0)).whole == (0.0, 0.0)
+    assert needed(LEG, LAWS, tuple(q), tuple(v), tuple(braking)).certain == (0.0, 0.0)
+    assert needed(LEG, LAWS, tuple(q), (0.0, 0.0), (0.0, 0.0)).whole == (0.0, 0.0)
 
 
 def test_the_warm_up_compiles_what_a_cycle_calls(monkeypatch):
@@ -169,13 +173,13 @@ def test_the_warm_up_compiles_what_a_cycle_calls(monkeypatch):
 
     recorded("_terms", 8)
     recorded("_needed", 4)
-    inverse_dynamics.warm_up(LEG, FRICTIONS)
+    inverse_dynamics.warm_up(LEG, LAWS)
     balance_of(lambda _: (0.2, 0.5), (0.0, 0.0))
-    needed(LEG, FRICTIONS, (0.2, 0.5), (0.1, 0.1), (1.0, 1.0))
+    needed(LEG, LAWS, (0.2, 0.5), (0.1, 0.1), (1.0, 1.0))
 
     for made in calls.values():
         first, second = ([type(one) for one in call] for call in made)
-        assert made[0] == (LEG, *FRICTIONS, *[0.0] * 6)
+        assert made[0] == (LEG, *LAWS, *[0.0] * 6)
         assert first == second
 
 

@@ -18,21 +18,27 @@ LAW = FrictionParameters(
     edge=0.01,
     time_constant_s=0.1,
 )
-STATE = (0.0, 0.0, 0.5, -0.2, 0.0, 0.0, 4.0, 40.0)
+STATE = (0.3, 0.6, 0.5, -0.2, 0.0, 0.0, 4.0, 40.0)
+STD = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.2, 3.0)
 
 
 def updated(index=0, status=Status(0), validity=(Validity.OK, Validity.OK)):  # noqa: B008 - frozen
-    estimate = SimpleNamespace(state=STATE, status=status, validity=validity)
+    estimate = SimpleNamespace(state=STATE, std=STD, status=status, validity=validity)
     return friction_monitor.update(NO_DRIFT, LAW, estimate, index, 0.01)
 
 
-@pytest.mark.parametrize(("index", "effort", "direction"), [(0, 4.0, 1), (1, 40.0, -1)])
-def test_each_axis_adds_its_own_speed_and_effort(index, effort, direction):
+@pytest.mark.parametrize(
+    ("index", "place", "effort", "std", "direction"),
+    [(0, 0.3, 4.0, 0.2, 1), (1, 0.6, 40.0, 3.0, -1)],
+)
+def test_each_axis_adds_its_own_place_speed_and_effort(index, place, effort, std, direction):
     drift = updated(index)
 
     assert drift is not None
     assert drift.patient_s == pytest.approx(effort * 0.01)
     assert drift.direction_s == pytest.approx(direction * 0.01)
+    assert drift.place_s == pytest.approx(place * 0.01)
+    assert drift.variance_s == pytest.approx(std**2 * 0.01)
 
 
 @pytest.mark.parametrize("status", [Status.ARTIFICIAL, Status.NEAR_LIMIT, Status.INPUT_SATURATED])

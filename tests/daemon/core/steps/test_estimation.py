@@ -10,7 +10,7 @@ from safety_inputs import JOINT
 from step_inputs import a_leg, an_axis, now_shows, was_sent
 
 from daemon.core.safety.soft_limits import SoftZone
-from daemon.core.slices import Estimated, Monitored
+from daemon.core.slices import NO_ADVICE, Advice, Estimated, Monitored
 from daemon.core.steps import estimation
 from daemon.core.steps.estimation import ObserverInputs, cleared, estimate
 from daemon.core.tick import Tick
@@ -20,6 +20,7 @@ from observer.drift import NO_DRIFT, Drift
 from observer.filter.considered import NOTHING_KNOWN
 from observer.filter.leg_observer import PoseError
 from observer.filter.status import Status, Validity
+from observer.mechanism.friction import FrictionParameters
 
 SAMPLED = ObserverInputs(
     joints=(JOINT, JOINT._replace(position_si=0.5, effort_si=20.0)),
@@ -43,6 +44,7 @@ class Spy:
     def __init__(self, *validity):
         self.started, self.fed = [], []
         self.friction, self.observer, self.strides = (None, None), self, self
+        self.slope_std = None
         self.smoother = SimpleNamespace(add=lambda *_: self.smoothed)
         self.smoothed, self.stride = None, None
         self.found = SimpleNamespace(validity=validity, status=Status.ARTIFICIAL)
@@ -166,25 +168,42 @@ def test_a_stride_is_there_in_the_cycle_that_completes_it(spy):
 
 
 def test_without_drives_there_is_no_estimate_but_what_was_learnt_stays():
-    learnt = replace(RUNS, calibration_advised=(True, False), drifts=(NO_DRIFT, (1.0,) * 5))
+    learnt = replace(RUNS, advice=(Advice(friction=True), NO_ADVICE), drifts=(NO_DRIFT, Drift(1.0)))
 
     left = cleared(learnt)
 
     assert (left.estimate, left.bad_cycles, left.stride) == (None, 0, None)
-    assert (left.stride_count, left.calibration_advised) == (7, (True, False))
+    assert (left.stride_count, left.advice) == (7, learnt.advice)
     assert left.drifts == learnt.drifts
 
 
-def test_a_calibration_is_advised_once_for_each_axis():
+LAW = FrictionParameters(8.0, 5.0, 0.0, 0.02, 0.05, 0.01, 0.1)
+EVERY = Advice(friction=True, offset=True, slope=True)
+
+
+@pytest.mark.parametrize(
+    ("kind", "code", "values"),
+    [
+        ("friction", EventCode.CALIBRATION_ADVISED, (0.5, -0.5 / math.sqrt(0.39))),
+        ("offset", EventCode.OFFSET_FOUND, (-0.1, 3.0 * 0.2)),
+        ("slope", EventCode.SLOPE_FOUND, (0.2 / 5.0, 3.0 * 0.2)),
+    ],
+)
+def test_a_calibration_is_advised_once_for_each_axis_and_reason(kind, code, values):
     leg = a_leg()
-    drift = Drift(motion_s=10.0, product_s=-5.0, square_s=4.0)
-    asked = replace(RUNS, calibration_advised=(False, True), drifts=(NO_DRIFT, drift))
+    leg.observers = SimpleNamespace(slope_std=(0.1, 0.2), friction=(LAW, LAW))
+    drift = Drift(motion_s=10.0, product_s=-5.0, patient_s=1.0, square_s=4.0, variance_s=0.4)
+    drift = drift._replace(place_square_s=10.0, patient_along_place_s=-2.0)
+    asked = replace(RUNS, advice=(NO_ADVICE, Advice(**{kind: True})), drifts=(NO_DRIFT, drift))
 
     (event,) = estimation.news(leg, RUNS, asked)
 
-    assert (event.code, event.subject) == (EventCode.CALIBRATION_ADVISED, "right/slide")
-    assert event.values == pytest.approx((0.5, -0.5 / math.sqrt(0.4)))
+    assert (event.code, event.subject) == (code, "right/slide")
+    assert event.values == pytest.approx(values)
     assert list(estimation.news(leg, asked, asked)) == []
+    every = replace(asked, advice=(NO_ADVICE, EVERY))
+    assert len(list(estimation.news(leg, asked, every))) == 2
+    assert list(estimation.news(leg, every, asked)) == []
 
 
 def test_the_observer_reads_what_either_axis_or_the_exercise_says_of_the_leg(monkeypatch):
@@ -228,23 +247,26 @@ def test_an_axis_without_a_reference_or_with_a_new_origin_is_one_of_the_leg_s(in
     assert (found.referenced, found.origin_moved) == (False, True)
 
 
+@pytest.mark.parametrize("empty", [True, False])
 @pytest.mark.parametrize("changed", [Drift(0.5), Drift(3.0)])
-def test_a_drift_that_has_changed_is_judged_anew_for_its_axis(spy, monkeypatch, changed):
-    of_hip, of_slide = Drift(1.0), Drift(2.0)
-    before = replace(RUNS, drifts=(of_hip, of_slide), calibration_advised=(False, True))
-    spy.friction = "hip's", "slide's"
+def test_a_drift_that_has_changed_is_judged_anew_for_its_axis(spy, monkeypatch, changed, empty):
+    of_hip, of_slide, kept = Drift(1.0), Drift(2.0), Advice(friction=True)
+    before = replace(RUNS, drifts=(of_hip, of_slide), advice=(NO_ADVICE, kept))
+    spy.friction, spy.slope_std = ("hip's", "slide's"), (0.1, 0.2) if empty else None
     given, learnt, judged = [], [changed, None], []
 
     def update(drift, law, found, index, dt_s):
         given.append((drift, law, found, index, dt_s))
         return learnt[index]
 
-    def asks(*drift_and_law):
-        judged.append(drift_and_law)
+    def asks(*given):
+        judged.append(given)
         return True
 
     monkeypatch.setattr(estimation.friction_monitor, "update", update)
-    monkeypatch.setattr(estimation, "asks_for_calibration", asks)
+    for name in ("asks_for_calibration", "is_offset", "is_sloped"):
+        monkeypatch.setattr(estimation, name, asks)
+    advised = Advice(friction=True, offset=empty, slope=empty)
 
     hip = estimate(spy, before, SAMPLED)
 
@@ -252,13 +274,11 @@ def test_a_drift_that_has_changed_is_judged_anew_for_its_axis(spy, monkeypatch, 
         (of_hip, "hip's", spy.found, 0, 0.01),
         (of_slide, "slide's", spy.found, 1, 0.01),
     ]
-    assert (hip.drifts, hip.calibration_advised) == ((changed, of_slide), (True, True))
-    assert judged == [(changed, "hip's")]
+    assert (hip.drifts, hip.advice) == ((changed, of_slide), (advised, kept))
+    of_empty = [(changed,), (changed, "hip's", 0.1)] if empty else []
+    assert judged == [(changed, "hip's"), *of_empty]
     learnt[:] = None, changed
-    before = replace(before, calibration_advised=(False, False))
     slide = estimate(spy, before, SAMPLED)
-    assert (slide.drifts, slide.calibration_advised) == ((of_hip, changed), (False, True))
-    assert judged[1:] == [(changed, "slide's")]
+    assert (slide.drifts, slide.advice) == ((of_hip, changed), (NO_ADVICE, advised))
     learnt[:] = None, None
-    assert estimate(spy, before, SAMPLED).calibration_advised == (False, False)
-    assert len(judged) == 2
+    assert estimate(spy, before, SAMPLED).advice == before.advice

@@ -32,7 +32,9 @@ def a_moving_leg(name="right", **changes):
             ("hip", "slide"), POSE, SPEEDS, (LIMITS, OF_SLIDE), strict=True
         )
     ]
+    observers = SimpleNamespace(over="slopes", effort_offset="offsets")
     own = {"parameters": "leg", "shape": "gait", "friction": "laws", "phase_offset_strides": 0.5}
+    own["observers"] = observers
     return a_leg(*axes, name=name, **{**own, **changes})
 
 
@@ -119,6 +121,8 @@ def test_an_exercise_begins_at_the_reference_of_a_guided_leg(core, monkeypatch, 
         shape="gait",
         limits=(LIMITS, OF_SLIDE),
         friction="laws",
+        over="slopes",
+        effort_offset="offsets",
         phase_offset_strides=0.5,
         pose=(0.3, 0.6) if reference is GUIDED else POSE,
     )
