@@ -45,7 +45,8 @@ def command(
 
 def lines(message: wire.Status, texts: Catalogue) -> Iterator[str]:
     """Format the screen, line by line."""
-    are_holding = all(drive.fresh and drive.power_state in HOLDING for drive in message.drives)
+    drives = message.drives
+    are_holding = bool(drives) and all(one.fresh and one.power_state in HOLDING for one in drives)
     yield from safety_lines(message.safety, texts, are_holding=are_holding)
     for drive in message.drives:
         yield _line(texts.subject(drive.name), ", ".join(_drive_words(drive, texts)))
