@@ -19,7 +19,8 @@ gain beside the filter's own:
 - It fades within RATE_FADES_S: an effort that rises now does not rise much longer.
 - A correction against it says that the effort has turned: most of the rate is dropped, so that the
   estimate hardly overshoots an effort that begins or ends at once.
-- A correction that no trend explains, because its innovation is large, counts less.
+- A correction of more than some steps of the random walk counts less: it is a step, no trend. After
+  a push the filter's uncertainty allows such corrections; carried on, they would overshoot.
 - A rejected sample says that what was expected is wrong: the rate begins anew.
 """
 
@@ -36,8 +37,8 @@ RATE_FADES_S: Final = 0.1
 """As long as a patient's effort rises in a gait; a longer one overshoots a tremor."""
 TURNED_SHARE: Final = 0.3
 """What is left of the rate after a correction against it."""
-EXPECTED_SIGMAS: Final = 1.5
-"""Size of an innovation from which on it counts less, by the square."""
+EXPECTED_STEPS: Final = 2.0
+"""Correction, in steps of the random walk, beyond which it counts less, by the square."""
 
 
 @inline
@@ -67,6 +68,7 @@ def follow_rate(m: LegMemory, axis: int, correction: float, dt_s: float) -> None
     if correction * m.patient_rate[axis] < 0.0:
         m.patient_rate[axis] *= TURNED_SHARE
     working = min(m.patient_ratio[axis], 1.0)
-    usual = EXPECTED_SIGMAS / max(math.fabs(m.whitened[axis]), EXPECTED_SIGMAS)
+    expected = EXPECTED_STEPS * m.noise[6 + axis, 6 + axis]
+    usual = expected / max(math.fabs(correction), expected)
     over_s = max(dt_s, STEP_S)  # two samples within a moment are no rate
     m.patient_rate[axis] += RATE_GAIN * (working * usual) ** 2 * correction / over_s

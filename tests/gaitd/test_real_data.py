@@ -122,6 +122,7 @@ def test_a_pulse_is_found_and_sigma_covers_the_error(found):
         assert found[name]["no pulses, N"] < 1.5
         assert found[name]["3σ"] >= 0.99
         assert found[name]["σ, N"] < found[PUBLISHED]["σ, N"]
+    assert found[NOISE]["50 ms, N"] < 2.0  # no rate of the edge is carried on
     assert found[NOISE]["NIS"] == pytest.approx(1.0, abs=0.15)
     assert found[CALIBRATED]["NIS"] < 0.3
     assert found[PUBLISHED]["× gaitd"] > 1.0
