@@ -24,7 +24,7 @@ class Clock(AgeClock, Protocol):
 
     @property
     def is_simulated(self) -> bool:
-        """True while its time is simulated; for records, and never used in a decision."""
+        """True while its time is simulated: for records, and for the priority of the process."""
         ...
 
     def sleep_until(self, deadline_ns: int) -> None:

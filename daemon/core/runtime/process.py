@@ -118,9 +118,12 @@ def run_core(
         _log(log, text, INFORMATIONAL)
     with compiling(partial(_tell_compiled, log)):
         warm_up(build(settings, boot_id, state_file.persistent))
+    # In simulated time there are no deadlines, and real-time priority would block other processes.
+    is_real = has_watchdog or not is_simulated
     if is_simulated:
         with contextlib.suppress(BusError):  # the loop retries if the server starts later
             bus.open_bus()
+            is_real = is_real or not clock.is_simulated
     header = ring_header(settings, boot_id, clock.utc_ns(), version("gaitd"))
     core_channel = _ipc(settings, header)
     ipc = bus.in_step(core_channel, boot_id, settings.runtime / "gateway.lock")
@@ -129,8 +132,6 @@ def run_core(
     grid = loop_settings(settings, built, state_file, bus.open_bus)
     loop = Loop(built.core, grid, ipc, clock, supervision)
     cycle = settings.trainer.cycle
-    # In simulated time there are no deadlines, and real-time priority would block other processes.
-    is_real = has_watchdog or not is_simulated
     refused = realtime.prepare(cycle.realtime_priority, cycle.realtime_cpus) if is_real else []
     events = [bus_load_event(settings, built), *refused]
     built.core.publish(events)

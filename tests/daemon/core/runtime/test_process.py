@@ -74,7 +74,7 @@ class World:
         self.calls, self.built, self.code, self.bug = [], fresh(), ExitCode.DONE, None
         self.cached, self.is_open, self.opens = True, True, True
         self.verdict = Verdict()
-        self.clock = SimpleNamespace(utc_ns=lambda: 123)
+        self.clock = SimpleNamespace(utc_ns=lambda: 123, is_simulated=True)
         monkeypatch.setattr(process, "choose_bus", self.choose_bus)
         monkeypatch.setattr(process, "build", self.build)
         monkeypatch.setattr(process, "warm_up", lambda built: self.calls.append("warm_up"))
@@ -175,20 +175,30 @@ def test_everything_is_built_and_warm_before_the_loop_begins(world):
 
 
 @pytest.mark.parametrize(
-    ("interface", "has_watchdog", "is_opened", "is_prepared"),
+    ("interface", "has_watchdog", "opens", "is_simulated", "is_opened", "is_prepared"),
     [
-        ("virtual", False, False, True),
-        ("pcan", True, False, True),
-        ("simulated", False, True, False),
-        ("simulated", True, True, True),
+        ("virtual", False, True, False, False, True),
+        ("pcan", True, True, False, False, True),
+        ("simulated", False, True, True, True, False),
+        ("simulated", False, False, False, True, False),  # without a server no time is simulated
+        ("simulated", False, True, False, True, True),
+        ("simulated", True, True, True, True, True),
+        ("simulated", True, False, False, True, True),
     ],
 )
-@pytest.mark.parametrize("opens", [True, False])
-def test_in_simulated_time_the_bus_is_opened_first_and_no_priority_is_asked_for(
-    monkeypatch, tmp_path, handlers, interface, has_watchdog, is_opened, is_prepared, opens
+def test_virtual_drives_are_opened_first_and_priority_is_asked_for_unless_time_is_simulated(
+    monkeypatch,
+    tmp_path,
+    handlers,
+    interface,
+    has_watchdog,
+    opens,
+    is_simulated,
+    is_opened,
+    is_prepared,
 ):
     world = World(monkeypatch, tmp_path, interface)
-    world.opens = opens
+    world.opens, world.clock.is_simulated = opens, is_simulated
 
     assert world.run(has_watchdog=has_watchdog) is ExitCode.DONE
 
