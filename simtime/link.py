@@ -23,7 +23,7 @@ CONNECT_TIMEOUT_S: Final = 5.0
 WATCHED_TIMEOUT_S: Final = 0.5
 """Time limit for the WELCOME, if a watchdog uses the computer's clock."""
 _LAST_READS: Final = 1000
-_POLL_MAX_NS: Final = 1_000_000_000
+_WAIT_MAX_NS: Final = 1_000_000_000
 
 
 class LinkLostError(Exception):
@@ -262,8 +262,6 @@ class SocketLink:
         return message.text
 
     def _wait_by_the_wall(self, until_ns: int, *, for_frame: bool) -> None:
-        poller = select.poll()
-        poller.register(self._existing(), select.POLLIN)
         self._receive_waiting()
         while not (for_frame and self._frames):
             left_ns = until_ns - time.monotonic_ns()
@@ -271,11 +269,15 @@ class SocketLink:
                 return
             if not for_frame:  # frames that arrive meanwhile wait in the socket
                 time.sleep(left_ns * 1e-9)
-            elif poller.poll(min(left_ns, _POLL_MAX_NS) * 1e-6):
+            elif self._has_waiting(min(left_ns, _WAIT_MAX_NS) * 1e-9):
                 self._receive_waiting()
 
+    def _has_waiting(self, within_s: float) -> bool:
+        # poll() would round the time up to milliseconds, and delay each SYNC by up to one.
+        return bool(select.select([self._existing()], [], [], within_s)[0])
+
     def _receive_waiting(self) -> None:
-        while select.select([self._existing()], [], [], 0)[0]:
+        while self._has_waiting(0.0):
             self.receive()
 
     def _accept(self, message: wire.FromServer) -> None:
