@@ -14,7 +14,14 @@ from sessions import CONFIGS, new_session
 from daemon.config.settings import Robot
 from daemon.core import cycle
 from gaitd.command_line import json_text
-from gaitd_lab.benchmark import bare_put, cycle_time, lateness, replay_speed, whole_service
+from gaitd_lab.benchmark import (
+    bare_put,
+    bare_timer,
+    cycle_time,
+    lateness,
+    replay_speed,
+    whole_service,
+)
 from gaitd_lab.benchmark.figures import Figure, table
 from gaitd_lab.processes import ServiceError
 
@@ -44,13 +51,23 @@ def test_every_cycle_is_timed_and_the_timer_is_taken_off_again(session):
 def test_lateness_is_that_of_the_records(session):
     records = session.records[-20:]
 
-    median, high, worst, skipped, _ = lateness.of(records)
+    bare_ns = [50_000] * 998 + [4_000_000, 9_000_000]
+    median, high, worst, judged, skipped, _ = lateness.of(records, bare_ns)
 
     late_us = [record.timing.lateness_ns / 1000 for record in records]
     assert worst.value == pytest.approx(max(late_us))
     assert median.value == pytest.approx(np.median(late_us))
     assert median.value <= high.value <= worst.value
-    assert (skipped.value, skipped.unit) == (0, "of 20")
+    assert (judged.value, judged.peer) == (high.value, "")
+    assert (median.peer_value, worst.peer_value) == (50.0, 9000.0)
+    assert (skipped.value, skipped.unit, skipped.peer_value) == (0, "of 20", 2)
+
+
+def test_a_bare_timer_tells_each_point_of_its_grid_once():
+    late_ns = bare_timer.lateness_ns(2_000_000, 0.03)
+
+    assert 1 <= len(late_ns) <= 16
+    assert min(late_ns) >= 0
 
 
 def test_the_speed_of_replay_is_measured_on_a_recording_that_is_valid(robot, monkeypatch):
