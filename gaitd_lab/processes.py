@@ -163,10 +163,11 @@ class ServiceProcesses:
         self.is_on_simulated_bus: bool = bus["interface"] == SIMULATED
         self.target = Target((self.table["zenoh"]["listen"][0],), self.table["zenoh"]["trainer"])
         """Address of the service for Zenoh clients."""
-        self.leg: str = self.table["leg"][0]["name"]
+        self.legs: tuple[str, ...] = tuple(leg["name"] for leg in self.table["leg"])
+        self.leg = self.legs[0]
         self.ring_path = self.config.parent / self.table["paths"]["runtime"] / RING_NAME
         self.truth_path = folder / "truth.csv"
-        """CSV file of the plant's true state."""
+        """CSV file of the plant's true state; with several legs as `truth_path` names it."""
         self.control_path = folder / "control"
         """Command socket of the virtual drives."""
         self.parts: dict[str, ManagedProcess] = {}

@@ -22,7 +22,7 @@ from gaitd_lab.virtual_machine import load_plant, virtual_machine
 from sim_drives.build import Machine
 from sim_drives.control import ControlSocket, control_socket
 from sim_drives.faults.script import FaultCommandError
-from sim_drives.plant.truth import TruthLog
+from sim_drives.plant.truth import TruthLog, truth_path
 from sim_drives.time.bus_server import bus_server
 from sim_drives.time.server import TimeServer, parse_pace
 from sim_drives.time.wall_clock import (
@@ -212,13 +212,13 @@ def missing_drives(trainer: TrainerFile, without: Sequence[str] = ()) -> frozens
 def _truth_logs(
     trainer: TrainerFile, truth: Path | None, ending: contextlib.ExitStack
 ) -> dict[str, TruthLog]:
-    """One log file for each leg; with two legs, `_right` and `_left` become part of the name."""
+    """One log file for each leg."""
     logs: dict[str, TruthLog] = {}
     if truth is None:
         return logs
     legs = tuple(load_plant(trainer)[1].drives)
     for leg in legs:
-        path = truth if len(legs) == 1 else truth.with_stem(f"{truth.stem}_{leg}")
+        path = truth_path(truth, leg, legs)
         try:
             logs[leg] = TruthLog(path, keep_rows=False)
         except OSError as error:

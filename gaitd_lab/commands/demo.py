@@ -88,6 +88,9 @@ def command(
             " therapist (clients/display)",
         ),
     ] = False,
+    two_legs: Annotated[
+        bool, typer.Option("--two-legs", help="with both legs of configs/two_legs.toml")
+    ] = False,
     hands_on: Annotated[
         bool,
         typer.Option("--hands-on", help="of --session: press the patient's buttons yourself"),
@@ -111,23 +114,25 @@ def command(
     from gaitd_lab.demonstration.report import as_object, tables
     from gaitd_lab.processes import Tempo
 
-    configs = configs_folder("configs", "demo.toml")
+    file = "two_legs.toml" if two_legs else "demo.toml"
+    trainer = configs_folder("configs", file) / file
     # SIGTERM ends it like Ctrl-C, in order.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     _refuse(pace, wall_clock=wall_clock, tiring=tiring, session=session, hands_on=hands_on)
+    _refuse_two_legs(two_legs, tiring=tiring, session=session)
     engineer = find_page("engineer", engineer_port) if engineer_port else None
     with json_on_stdout(as_json) as write:
         if engineer:
             print(engineer.said, flush=True)
         training = _training(patient_port, therapist_port, hands_on) if session else None
-        acts = [training.act()] if training else _acts(configs, seconds, is_tiring=tiring)
+        acts = [training.act()] if training else _acts(trainer, seconds, is_tiring=tiring)
         is_headless = headless or as_json or not sys.stdout.isatty()
         if training and not is_headless:
             time.sleep(READ_S)
         tempo = Tempo(pace or (SESSION_PACE if session and not hands_on else "1"), wall_clock)
         with _lines() if is_headless else _live_view() as screen:
             results = Performance(
-                configs,
+                trainer,
                 tempo,
                 screen,
                 pages=training.shown if training else engineer.shown if engineer else "",
@@ -174,7 +179,15 @@ def _refuse(
         raise ConfigError(COMMAND_LINE, "--hands-on", "given", "with --session alone")
 
 
-def _acts(configs: Path, seconds: float | None, *, is_tiring: bool) -> "list[Act]":
+def _refuse_two_legs(two_legs: bool, *, tiring: bool, session: bool) -> None:
+    from gaitd_toml import COMMAND_LINE, ConfigError
+
+    if two_legs and (tiring or session):
+        other = "--tiring" if tiring else "--session"
+        raise ConfigError(COMMAND_LINE, "--two-legs", "given", f"nothing with {other}")
+
+
+def _acts(trainer: Path, seconds: float | None, *, is_tiring: bool) -> "list[Act]":
     from gaitd_lab.demonstration.performance import Act
     from gaitd_lab.demonstration.script import gait_act, paper_act, plan_of, tiring_act
     from gaitd_lab.demonstration.stage import empty_edits
@@ -187,7 +200,7 @@ def _acts(configs: Path, seconds: float | None, *, is_tiring: bool) -> "list[Act
     if not plan.paper_s:
         print("The paper's experiment is left out: it wants 40 seconds or more.")
         return [gait]
-    return [gait, Act(partial(paper_act, duration_s=plan.paper_s), empty_edits(configs))]
+    return [gait, Act(partial(paper_act, duration_s=plan.paper_s), empty_edits(trainer))]
 
 
 def _training(patient_port: int, therapist_port: int, is_hands_on: bool) -> "Training":

@@ -6,7 +6,7 @@ the true patient plus the artificial disturbance, which the observer must estima
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -14,7 +14,7 @@ from gaitd_client import wire
 from numpy.typing import NDArray
 
 from analysis.accuracy import Score, nearest, score
-from gaitd_lab.demonstration.feed import Track
+from gaitd_lab.demonstration.feed import LegTracks
 from gaitd_lab.demonstration.script import Kind
 from gaitd_lab.studies.report import UNKNOWN, Table
 
@@ -57,6 +57,7 @@ class Row(NamedTuple):
 
     span: Span
     axis: str
+    """As `axis_title`."""
     unit: str
     score: Score
     rms_bound: float
@@ -87,6 +88,10 @@ class Pair(NamedTuple):
     true_friction: NDArray[np.float64]
 
 
+Pairs = Mapping[str, tuple[Pair, Pair]]
+"""Hip and slide, by leg."""
+
+
 class Walk(NamedTuple):
     """Strides of an act."""
 
@@ -98,7 +103,7 @@ class Walk(NamedTuple):
 class Results(NamedTuple):
     """What a demonstration was."""
 
-    pairs: tuple[Pair, Pair]
+    pairs: Pairs
     spans: Sequence[Span]
     rows: Sequence[Row]
     health: Sequence[wire.Health]
@@ -118,14 +123,23 @@ AXES: Final = (("hip", "nm", "N·m"), ("slide", "n", "N"))
 """Name, suffix of the fields, displayed unit."""
 
 
-def pairs(received: Track, true: Track, newest: int = 0) -> tuple[Pair, Pair]:
-    """Return hip and slide: estimates with their references; NaN where one is missing.
+def axis_title(leg: str, axis: str, legs: Pairs) -> str:
+    """Return an axis' name, with its leg where there are several."""
+    return axis if len(legs) == 1 else f"{leg} {axis}"
+
+
+def pairs(legs: Mapping[str, LegTracks], newest: int = 0) -> Pairs:
+    """Return hip and slide of each leg: estimates with their references; NaN where one is missing.
 
     Args:
-        received: track with the columns of RECEIVED.
-        true: track with the columns of TRUE.
-        newest: number of newest rows of both; 0 means all.
+        legs: what is known of each.
+        newest: number of newest rows; 0 means all.
     """
+    return {leg: _pairs_of(tracks, newest) for leg, tracks in legs.items()}
+
+
+def _pairs_of(tracks: LegTracks, newest: int) -> tuple[Pair, Pair]:
+    received, true = tracks
     received_ns, said = received.arrays(newest)
     true_ns, truth = true.arrays(newest)
     index = nearest(received_ns, true_ns, MATCH_NS)
@@ -146,20 +160,21 @@ def pairs(received: Track, true: Track, newest: int = 0) -> tuple[Pair, Pair]:
     return hip, slide
 
 
-def evaluate(spans: Sequence[Span], both: tuple[Pair, Pair]) -> tuple[Row, ...]:
-    """Evaluate both axes in every span that has bounds."""
+def evaluate(spans: Sequence[Span], legs: Pairs) -> tuple[Row, ...]:
+    """Evaluate both axes of each leg in every span that has bounds."""
     return tuple(
-        _row(span, BOUNDS[span.kind], both[index], index)
+        _row(span, pair, index, axis_title(leg, AXES[index][0], legs))
         for span in spans
         if span.kind in BOUNDS
-        for index in range(len(AXES))
+        for leg, both in legs.items()
+        for index, pair in enumerate(both)
     )
 
 
-def _row(span: Span, bound: Bound, pair: Pair, index: int) -> Row:
+def _row(span: Span, pair: Pair, index: int, axis: str) -> Row:
     inside = (pair.time_ns >= span.begin_ns) & (pair.time_ns < span.end_ns)
-    axis, _, unit = AXES[index]
-    found = score(pair.estimate[inside], pair.wanted[inside])
+    _, _, unit = AXES[index]
+    bound, found = BOUNDS[span.kind], score(pair.estimate[inside], pair.wanted[inside])
     rms_bound = bound.rms[index]
     return Row(span, axis, unit, found, rms_bound, bound.correlation_min, bound.covered_min_ratio)
 

@@ -5,10 +5,11 @@ access to it. Both are on the monotonic clock of the core, where the SYNC of a c
 """
 
 import math
+from collections.abc import Mapping
 from io import TextIOWrapper
 from operator import attrgetter
 from pathlib import Path
-from typing import Final, Protocol, TypeVar
+from typing import Final, NamedTuple, Protocol, Self, TypeVar
 
 import msgspec
 import numpy as np
@@ -80,6 +81,20 @@ class Track:
         return {}
 
 
+class LegTracks(NamedTuple):
+    """What is known of a leg."""
+
+    received: Track
+    """Columns RECEIVED."""
+    true: Track
+    """Columns TRUE."""
+
+    @classmethod
+    def new(cls) -> Self:
+        """Return empty tracks."""
+        return cls(Track(RECEIVED), Track(TRUE))
+
+
 class ActClock(Protocol):
     """The time of an act, for the evaluation of its messages."""
 
@@ -95,22 +110,22 @@ class ActClock(Protocol):
 class Receiver:
     """A client like any other: subscribes, and stores the received messages."""
 
-    def __init__(self, target: Target, leg: str, received: Track, clock: ActClock) -> None:
+    def __init__(self, target: Target, received: Mapping[str, Track], clock: ActClock) -> None:
         """Subscribe; `with receiver.trainer` connects as soon as the service is there.
 
         Args:
             target: address of the service.
-            leg: leg whose estimate is stored.
-            received: receives the columns of RECEIVED.
+            received: receives the columns of RECEIVED of each leg.
             clock: clock of the act.
         """
-        self._clock, self._track = clock, received
+        self._clock, self._tracks = clock, received
         self._received_ns: int | None = None
-        self._newest_ns: int | None = None
+        self._newest_ns: dict[str, int] = {}
         self.safety: wire.Safety | None = None
         self.health: wire.Health | None = None
         self.events: list[wire.Event] = []
         self.strides: list[wire.Stride] = []
+        """Those of the first leg."""
         self.helps: list[wire.ControllerState] = []
         """State of the controller, if there is one, each stride."""
         endpoints, credentials = target.endpoints, target.credentials
@@ -118,9 +133,11 @@ class Receiver:
             endpoints, credentials, trainer=target.trainer, clock=clock, keep_trying=True
         )
         self._safeties, self._healths = self.trainer.safety(), self.trainer.health()
-        self.trainer.estimate(leg, keep=WAITING_MAX).call(self._on_estimate)
-        _keep(self.trainer.stride(leg), self.strides)
-        _keep(self.trainer.controller(leg), self.helps)
+        for leg in received:
+            self.trainer.estimate(leg, keep=WAITING_MAX).call(self._on_estimate)
+        first = next(iter(received))
+        _keep(self.trainer.stride(first), self.strides)
+        _keep(self.trainer.controller(first), self.helps)
         _keep(self.trainer.events(history_count=0), self.events)
 
     def situation(self, now_ns: int, began_ns: int, outcome: str | None, reason: str) -> Situation:
@@ -139,7 +156,8 @@ class Receiver:
                 self._received_ns = now_ns
         if isinstance(health, wire.Health):
             self.health = health
-        estimate = self._track.at(now_ns - CYCLE_DONE_NS)
+        first, *_ = self._tracks.values()
+        estimate = first.at(now_ns - CYCLE_DONE_NS)
         phase_ratio, received_ns = estimate.get("gait_phase_ratio", math.nan), self._received_ns
         return Situation(
             now_s=(now_ns - began_ns) * 1e-9,
@@ -154,10 +172,11 @@ class Receiver:
         )
 
     def newest_ns(self) -> int | None:
-        """Return the time of the newest estimate; None if there is none, or it is of the past."""
-        newest_ns = self._newest_ns
-        is_past = newest_ns is None or self._clock.now_ns() - newest_ns >= FRESH_NS
-        return None if is_past else newest_ns
+        """Return the time up to which each leg was heard; None: one is silent."""
+        if len(self._newest_ns) < len(self._tracks):
+            return None
+        newest_ns = min(self._newest_ns.values())
+        return None if self._clock.now_ns() - newest_ns >= FRESH_NS else newest_ns
 
     def _on_estimate(self, message: wire.Estimate | NotValid) -> None:
         if isinstance(message, NotValid):
@@ -165,8 +184,8 @@ class Receiver:
         values = (math.nan if value is None else value for value in MEASURED_OF(message))
         is_artificial = float("artificial" in message.status)
         sync_ns = message.sample_time_ns - self._clock.utc_ahead_ns()
-        self._track.add(sync_ns, (*values, is_artificial))
-        self._newest_ns = sync_ns
+        self._tracks[message.leg].add(sync_ns, (*values, is_artificial))
+        self._newest_ns[message.leg] = sync_ns
 
 
 def _keep(stream: Stream[T], kept: list[T]) -> None:

@@ -18,13 +18,14 @@ from gaitd_client import wire
 from daemon.config.edits import Edits
 from gaitd_lab.demonstration.clients import engineer_settings, shipped_settings
 from gaitd_lab.demonstration.evaluation import Results, Span, Walk, evaluate, pairs
-from gaitd_lab.demonstration.feed import RECEIVED, TRUE, Receiver, Track, TruthTail
+from gaitd_lab.demonstration.feed import LegTracks, Receiver, TruthTail
 from gaitd_lab.demonstration.script import Scene, Situation
 from gaitd_lab.demonstration.stage import Stage, stage
 from gaitd_lab.demonstration.view import Moment
 from gaitd_lab.processes import ServiceError, Tempo
 from gaitd_lab.requests import Ask, Requests
 from observer.jit import is_cached
+from sim_drives.plant.truth import truth_path
 
 CLIENT: Final = "gaitd demo"
 """Client name in the requests."""
@@ -51,7 +52,7 @@ class Performance:
 
     def __init__(
         self,
-        configs: Path,
+        trainer: Path,
         tempo: Tempo,
         show: Callable[[Moment], None],
         *,
@@ -62,17 +63,17 @@ class Performance:
         """Prepare; `play` begins.
 
         Args:
-            configs: folder of the shipped configurations.
+            trainer: trainer file among the shipped configurations.
             tempo: pace of time.
             show: displays a moment; called at every turn, and may skip drawing.
             pages: where the pages are, for the live view.
             engineer_port: of the engineer's page; None: there is none.
             own_pages: folder that the engineer's server serves, too; None: it serves none.
         """
-        self.configs, self.tempo, self.engineer_port = configs, tempo, engineer_port
+        self.trainer, self.tempo, self.engineer_port = trainer, tempo, engineer_port
         self.own_pages = own_pages
         self._show, self._pages = show, pages
-        self.received, self.true = Track(RECEIVED), Track(TRUE)
+        self.legs: dict[str, LegTracks] = {}
         self._spans: list[Span] = []
         self._health: list[wire.Health] = []
         self._walks: list[Walk] = []
@@ -92,13 +93,13 @@ class Performance:
         except KeyboardInterrupt:
             trouble = "interrupted"
         self._end_span()
-        both = pairs(self.received, self.true)
-        rows = evaluate(self._spans, both)
-        return Results(both, self._spans, rows, self._health, trouble, self._walks)
+        legs = pairs(self.legs)
+        rows = evaluate(self._spans, legs)
+        return Results(legs, self._spans, rows, self._health, trouble, self._walks)
 
     def _act(self, act: Act) -> None:
         tempo, begin_ns = self.tempo, self.now_ns
-        with stage(self.configs, act.edits, act.roles, tempo=tempo, begin_ns=begin_ns) as where:
+        with stage(self.trainer, act.edits, act.roles, tempo=tempo, begin_ns=begin_ns) as where:
             self.now_ns = where.time.now_ns()
             self.begin(_first_scene())
             playing = Playing(self, where)
@@ -134,8 +135,7 @@ class Performance:
             scene_s=(self.now_ns - self._scene_since_ns) * 1e-9,
             speed_ratio=speed_ratio,
             receiver=receiver,
-            received=self.received,
-            true=self.true,
+            legs=self.legs,
             pages=self._pages,
         )
         self._show(moment)
@@ -149,8 +149,13 @@ class Playing:
         self.where = where
         self._performance = performance
         self._requests = Requests(where.target, CLIENT)
-        self._tail = TruthTail(where.truth_path, performance.true)
-        self.receiver = Receiver(where.target, where.leg, performance.received, where.time)
+        legs = {leg: performance.legs.setdefault(leg, LegTracks.new()) for leg in where.legs}
+        self._tails = [
+            TruthTail(truth_path(where.truth_path, leg, legs), tracks.true)
+            for leg, tracks in legs.items()
+        ]
+        received = {leg: tracks.received for leg, tracks in legs.items()}
+        self.receiver = Receiver(where.target, received, where.time)
 
     def start_page(self) -> None:
         """Start the engineer's page; the demonstration goes on if it ends."""
@@ -165,7 +170,8 @@ class Playing:
         """As `Player.turn`."""
         where, performance, receiver = self.where, self._performance, self.receiver
         where.check()
-        self._tail.read()
+        for tail in self._tails:
+            tail.read()
         where.time.turn(
             partial(performance.show, receiver, where.time.speed_ratio),
             receiver.newest_ns,
@@ -194,7 +200,8 @@ class Playing:
     def close(self) -> None:
         """Close what is read; a pending answer is not waited for."""
         self._requests.close()
-        self._tail.close()
+        for tail in self._tails:
+            tail.close()
 
 
 def _first_scene() -> Scene:

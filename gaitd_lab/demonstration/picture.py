@@ -26,7 +26,14 @@ from analysis.drawing import (
     style,
     x_label,
 )
-from gaitd_lab.demonstration.evaluation import AXES, Pair, Results, Span, errors
+from gaitd_lab.demonstration.evaluation import (
+    AXES,
+    Pair,
+    Results,
+    Span,
+    axis_title,
+    errors,
+)
 from gaitd_lab.demonstration.script import Kind
 
 QUIET_NS: Final = 1_000_000_000
@@ -50,6 +57,8 @@ SHADES: Final = {
 }
 WIDTHS: Final = (0.26, 0.07, 0.1, 0.08, 0.08, 0.08, 0.1, 0.09, 0.06, 0.08)
 """Widths of the columns of the table of errors, as shares."""
+ROWS: Final = (1.5, 1.0, 1.0)
+"""Heights of a leg's panels."""
 RMS: Final = 2
 """Column of the error that is drawn in the colour of the result."""
 
@@ -60,13 +69,17 @@ def draw(results: Results, path: Path) -> None:
     Raises:
         OSError: the file cannot be written.
     """
-    figure = Figure(figsize=(14, 10.5), layout="constrained")
-    grid = figure.add_gridspec(4, 2, height_ratios=[1.5, 1.0, 1.0, 0.9])
+    legs = results.pairs
+    count = max(len(legs), 1)
+    figure = Figure(figsize=(14, 2.0 + 8.5 * count), layout="constrained")
+    grid = figure.add_gridspec(3 * count + 1, 2, height_ratios=[*ROWS * count, 0.9 * count])
     begin_ns = min((span.begin_ns for span in results.spans), default=0)
-    for index, pair in enumerate(results.pairs):
-        panels = [figure.add_subplot(grid[row, index]) for row in range(3)]
-        _column(panels, results.spans, pair, index, begin_ns)
-    _table(figure.add_subplot(grid[3, :]), results)
+    for number, (leg, both) in enumerate(legs.items()):
+        for index, pair in enumerate(both):
+            panels = [figure.add_subplot(grid[3 * number + row, index]) for row in range(3)]
+            axis = axis_title(leg, AXES[index][0], legs)
+            _column(panels, results.spans, pair, axis, AXES[index][2], begin_ns)
+    _table(figure.add_subplot(grid[-1, :]), results)
     verdict = "all within bounds" if results.passed else results.trouble or "out of bounds"
     figure.suptitle(
         f"gaitd demo: the patient as estimated through CAN frames, and as scripted · {verdict}",
@@ -87,9 +100,8 @@ def _without_lines_across_gaps(pair: Pair) -> Pair:
 
 
 def _column(
-    panels: list[Axes], spans: Sequence[Span], pair: Pair, index: int, begin_ns: int
+    panels: list[Axes], spans: Sequence[Span], pair: Pair, axis: str, unit: str, begin_ns: int
 ) -> None:
-    axis, _, unit = AXES[index]
     curves = _without_lines_across_gaps(pair)
     estimate, std = curves.estimate, curves.std
     time = np.asarray((curves.time_ns - begin_ns) * 1e-9, dtype=np.float64)
@@ -98,7 +110,7 @@ def _column(
         _shade(panel, spans, begin_ns)
         if len(time):
             panel.set_xlim(float(time[0]), float(time[-1]))
-    quantity = "torque" if axis == "hip" else "force"
+    quantity = "torque" if unit == "N·m" else "force"
 
     style(patient, f"{axis}: patient {quantity}", unit)
     _name_spans(patient, spans, begin_ns)

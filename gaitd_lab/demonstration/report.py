@@ -7,7 +7,14 @@ from typing import Final
 import numpy as np
 from gaitd_client import wire
 
-from gaitd_lab.demonstration.evaluation import AXES, Results, Walk, errors, pairs
+from gaitd_lab.demonstration.evaluation import (
+    AXES,
+    Results,
+    Walk,
+    axis_title,
+    errors,
+    pairs,
+)
 from gaitd_lab.demonstration.feed import TEXTS, verdict_text
 from gaitd_lab.demonstration.script import Kind
 from gaitd_lab.demonstration.training import TrainingResult
@@ -22,13 +29,14 @@ def line(moment: Moment) -> str:
     receiver = moment.receiver
     safety = receiver.safety if receiver else None
     words = [f"{moment.elapsed_s:6.1f} s", f"{(safety.mode if safety else None) or 'starting':<12}"]
-    if not len(moment.received):
+    if not any(len(tracks.received) for tracks in moment.legs.values()):
         return "  ".join(words).rstrip()
-    for (axis, _, unit), pair in zip(
-        AXES, pairs(moment.received, moment.true, NEWEST), strict=True
-    ):
-        said, wanted, rubs = (_newest(v) for v in (pair.estimate, pair.wanted, pair.friction))
-        words.append(f"{axis} patient {said} (true {wanted}) friction {rubs} {unit}")
+    legs = pairs(moment.legs, NEWEST)
+    for leg, both in legs.items():
+        for (axis, _, unit), pair in zip(AXES, both, strict=True):
+            said, wanted, rubs = (_newest(v) for v in (pair.estimate, pair.wanted, pair.friction))
+            name = axis_title(leg, axis, legs)
+            words.append(f"{name} patient {said} (true {wanted}) friction {rubs} {unit}")
     if moment.speed_ratio is not None:
         words.append(f"{moment.speed_ratio:.1f} x real time")
     words.append(verdict_text(safety) or TEXTS.progress(safety.progress if safety else None))

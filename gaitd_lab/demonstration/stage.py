@@ -142,7 +142,7 @@ class Stage(ServiceProcesses):
     def __init__(
         self,
         folder: Path,
-        configs: Path,
+        trainer: Path,
         edits: Edits,
         roles: Mapping[str, str],
         *,
@@ -150,7 +150,9 @@ class Stage(ServiceProcesses):
         begin_ns: int,
     ) -> None:
         """Write the configuration of the act; see `stage`."""
-        super().__init__(folder, configs, edits=edits, tempo=tempo)
+        super().__init__(
+            folder, trainer.parent, trainer_file=trainer.name, edits=edits, tempo=tempo
+        )
         self.credentials: dict[str, Path] = {}
         """Folder of each client's credentials; empty: the service has no keys."""
         if roles:
@@ -204,7 +206,7 @@ class Stage(ServiceProcesses):
 
 @contextlib.contextmanager
 def stage(
-    configs: Path,
+    trainer: Path,
     edits: Edits,
     roles: Mapping[str, str],
     *,
@@ -216,7 +218,7 @@ def stage(
     The folder of a successful act is removed; after an error it is kept, and the error names it.
 
     Args:
-        configs: the project's folder of configurations.
+        trainer: trainer file among the project's configurations.
         edits: what is different in the act's own configuration.
         roles: of the clients that get keys, OWN among them; empty: the service has no keys.
         tempo: pace of its time.
@@ -225,7 +227,7 @@ def stage(
     folder = Path(tempfile.mkdtemp(prefix="gaitd-demo-", dir=memory_folder()))
     kept = False
     try:
-        with Stage(folder, configs, edits, roles, tempo=tempo, begin_ns=begin_ns) as made:
+        with Stage(folder, trainer, edits, roles, tempo=tempo, begin_ns=begin_ns) as made:
             made.start_all()
             yield made
     except ServiceError as error:
@@ -236,20 +238,22 @@ def stage(
             shutil.rmtree(folder, ignore_errors=True)
 
 
-def empty_edits(configs: Path) -> Edits:
-    """Return the edits for an empty machine that its springs carry in the start pose.
+def empty_edits(trainer: Path) -> Edits:
+    """Return the edits for an empty machine that its springs carry in the start pose of all legs.
 
     Springs set for a patient push the empty machine up to its stop, as its file states; an
     operator reduces them before an experiment on it.
     """
     name = "robot_empty.toml"
-    robot = msgspec.toml.decode((configs / name).read_text(encoding="utf-8"), type=Robot)
-    start = tomllib.loads((configs / "plant.toml").read_text(encoding="utf-8"))["start"]
+    text = (trainer.parent / name).read_text(encoding="utf-8")
+    robot = msgspec.toml.decode(text, type=Robot)
+    plant = tomllib.loads(trainer.read_text(encoding="utf-8"))["sim"]
+    start = tomllib.loads((trainer.parent / plant).read_text(encoding="utf-8"))["start"]
     pose = math.radians(start["hip"]["position_deg"]), start["slide"]["position_m"]
     springs = balanced(robot, pose).springs
     return {
-        "demo.toml": {"robot": name},
-        "plant.toml": {"robot": name},
+        trainer.name: {"robot": name},
+        plant: {"robot": name},
         name: {
             "springs.hip.rest_rad": round(springs.hip.rest_rad, 6),
             "springs.slide.rest_m": round(springs.slide.rest_m, 6),

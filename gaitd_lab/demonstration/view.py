@@ -1,6 +1,6 @@
 """The live view: estimate, truth, and state of the service."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Final, Literal, NamedTuple
 
@@ -15,8 +15,8 @@ from rich.text import Text, TextType
 
 from analysis.accuracy import score
 from gaitd_lab.demonstration.curves import Chart, Curve, Values
-from gaitd_lab.demonstration.evaluation import AXES, BOUNDS, Pair, pairs
-from gaitd_lab.demonstration.feed import TEXTS, Receiver, Track, verdict_text
+from gaitd_lab.demonstration.evaluation import AXES, BOUNDS, Pair, Pairs, axis_title, pairs
+from gaitd_lab.demonstration.feed import TEXTS, LegTracks, Receiver, verdict_text
 from gaitd_lab.demonstration.script import Scene
 
 WINDOW_S: Final = 16.0
@@ -56,8 +56,8 @@ class Moment(NamedTuple):
     speed_ratio: float | None
     """Ratio of the time to the computer's; None before it is known."""
     receiver: Receiver | None
-    received: Track
-    true: Track
+    legs: Mapping[str, LegTracks]
+    """Empty until the first act has begun."""
     pages: str = ""
     """Where pages are; empty without one."""
 
@@ -66,24 +66,26 @@ def picture(moment: Moment, width: int, height: int) -> Layout:
     """Return the whole screen, in the given columns and lines.
 
     A small one, as a terminal of 80 x 24, shows the patient's efforts, the error and the events;
-    friction and the state of the service are left out.
+    friction and the state of the service are left out. Two legs leave no room for friction.
     """
     is_small = width < ROOMY_COLUMNS or height < ROOMY_LINES
     shown = SMALL_EVENTS_SHOWN if is_small else EVENTS_SHOWN
-    both = pairs(moment.received, moment.true, round(WINDOW_S * RATE_HZ))
+    legs = pairs(moment.legs or {"": LegTracks.new()}, round(WINDOW_S * RATE_HZ))
+    has_friction = not is_small and len(legs) == 1
     screen = Layout()
     screen.split_column(
         Layout(_header(moment), size=4),
-        Layout(name="curves", ratio=3),
-        Layout(name="friction", visible=not is_small, ratio=2),
+        *(Layout(_row(legs, leg, _patient, moment.now_ns), ratio=3) for leg in legs),
+        *(
+            Layout(_row(legs, leg, _friction, moment.now_ns), ratio=2)
+            for leg in legs
+            if has_friction
+        ),
         Layout(name="below", size=shown + 2),
     )
-    for name, panel in (("curves", _patient), ("friction", _friction)):
-        panels = (panel(pair, moment.now_ns, index) for index, pair in enumerate(both))
-        screen[name].split_row(*map(Layout, panels))
     screen["below"].split_row(
         Layout(_service(moment.receiver), visible=not is_small, ratio=4),
-        Layout(_errors(both, moment), ratio=4, minimum_size=ERROR_COLUMNS),
+        Layout(_errors(legs, moment), ratio=4, minimum_size=ERROR_COLUMNS),
         Layout(_events(moment.receiver, shown), ratio=5),
     )
     return screen
@@ -126,37 +128,52 @@ def _second_line(moment: Moment, safety: wire.Safety | None) -> RenderableType:
 # --- curves ---------------------------------------------------------------------------------
 
 
-def _patient(pair: Pair, now_ns: int, index: int) -> Panel:
+def _row(
+    legs: Pairs, leg: str, panel: Callable[[Pair, int, int, str], Panel], now_ns: int
+) -> Layout:
+    """Return hip and slide of a leg, side by side."""
+    row = Layout()
+    row.split_row(
+        *(
+            Layout(panel(pair, now_ns, index, axis_title(leg, AXES[index][0], legs)))
+            for index, pair in enumerate(legs[leg])
+        )
+    )
+    return row
+
+
+def _patient(pair: Pair, now_ns: int, index: int, axis: str) -> Panel:
     time_s = _seconds(pair, now_ns)
     curves = (
         Curve("truth", TRUTH, time_s, pair.wanted),
         Curve("estimate", ESTIMATE, time_s, pair.estimate),
     )
-    return _panel(("patient torque", "patient force")[index], index, curves, LEAST_SPAN[index])
+    title = f"{axis}: {('patient torque', 'patient force')[index]}"
+    return _panel(title, index, curves, LEAST_SPAN[index])
 
 
-def _friction(pair: Pair, now_ns: int, index: int) -> Panel:
+def _friction(pair: Pair, now_ns: int, index: int, axis: str) -> Panel:
     time_s = _seconds(pair, now_ns)
     curves = (
         Curve("truth", TRUTH, time_s, pair.true_friction),
         Curve("estimate", FRICTION, time_s, pair.friction),
     )
-    return _panel("friction", index, curves, LEAST_FRICTION_SPAN[index])
+    return _panel(f"{axis}: friction", index, curves, LEAST_FRICTION_SPAN[index])
 
 
 def _seconds(pair: Pair, now_ns: int) -> Values:
     return np.asarray((pair.time_ns - now_ns) * 1e-9, dtype=np.float64)
 
 
-def _panel(quantity: str, index: int, curves: Sequence[Curve], least_span: float) -> Panel:
-    axis, _, unit = AXES[index]
+def _panel(title: str, index: int, curves: Sequence[Curve], least_span: float) -> Panel:
+    _, _, unit = AXES[index]
     legend = Text()
     for curve in curves:
         legend.append(" ━ ", RICH[curve.colour])
         legend.append(curve.label, "default")
         legend.append(f"{_number(_newest(curve.values))} ", "bold")
     chart = Chart(curves, WINDOW_S, least_span)
-    return _box(f"{axis}: {quantity}[/], {unit}", chart, legend, padding=0)
+    return _box(f"{title}[/], {unit}", chart, legend, padding=0)
 
 
 def _newest(values: Values) -> float:
@@ -180,18 +197,19 @@ def _grid(*justify: Literal["left", "right"]) -> Table:
     return grid
 
 
-def _errors(both: tuple[Pair, Pair], moment: Moment) -> Panel:
+def _errors(legs: Pairs, moment: Moment) -> Panel:
     grid = _grid("left", "right", "right", "right")
     grid.add_row("", "[dim]rms[/]", "[dim]bound[/]", "[dim]valid[/]")
     bound = BOUNDS.get(moment.scene.kind)
-    for index, (axis, _, unit) in enumerate(AXES):
-        found = score(both[index].estimate, both[index].wanted)
-        limit, colour = "", "default"
-        if bound is not None:
-            limit = f"{bound.rms[index]:g} {unit}"
-            colour = "green" if found.rms <= bound.rms[index] else "yellow"
-        covered = f"{found.covered_ratio:.0%}"
-        grid.add_row(axis, f"[{colour}]{_number(found.rms, 2)} {unit}[/]", limit, covered)
+    for leg, both in legs.items():
+        for index, ((axis, _, unit), pair) in enumerate(zip(AXES, both, strict=True)):
+            found = score(pair.estimate, pair.wanted)
+            limit, colour = "", "default"
+            if bound is not None:
+                limit = f"{bound.rms[index]:g} {unit}"
+                colour = "green" if found.rms <= bound.rms[index] else "yellow"
+            name, covered = axis_title(leg, axis, legs), f"{found.covered_ratio:.0%}"
+            grid.add_row(name, f"[{colour}]{_number(found.rms, 2)} {unit}[/]", limit, covered)
     text = "[dim]At rest friction and patient cannot be told apart: nothing is shown.[/]"
     return _box(f"error, last {WINDOW_S:.0f} s", Group(grid, "", text))
 

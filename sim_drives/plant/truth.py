@@ -7,6 +7,7 @@ before, so `gaitd replay` reads the file as it is; the columns behind them are w
 estimates, and what no observer can know.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple, TextIO
@@ -94,6 +95,11 @@ def truth_row(truth: Truth, before: Truth, first_ns: int, sync_count: int) -> Tr
 
 def _text(value: float | str) -> str:
     return f"{value:.9g}" if isinstance(value, float) else str(value)
+
+
+def truth_path(truth: Path, leg: str, legs: Collection[str]) -> Path:
+    """Return a leg's file: with several legs its name ends in `_right` or `_left`."""
+    return truth if len(legs) == 1 else truth.with_stem(f"{truth.stem}_{leg}")
 
 
 class TruthLog:

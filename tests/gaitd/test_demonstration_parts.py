@@ -24,7 +24,7 @@ from gaitd_session.store import (
 from daemon.config.shipped import configs_folder
 from gaitd_lab.demonstration import client_process, clients, stage, training, turns
 from gaitd_lab.demonstration.evaluation import Results, Row, Span, evaluate, pairs
-from gaitd_lab.demonstration.feed import RECEIVED, TRUE, Track, TruthTail
+from gaitd_lab.demonstration.feed import RECEIVED, TRUE, LegTracks, Track, TruthTail
 from gaitd_lab.demonstration.picture import draw
 from gaitd_lab.demonstration.script import Kind
 from gaitd_lab.demonstration.stage import ActTime, Stage, empty_edits
@@ -33,13 +33,14 @@ from sim_drives.plant.truth import TruthRow
 from simtime.link import LinkLostError
 
 CONFIGS = Path(__file__).parents[2] / "configs"
+DEMO, TWO_LEGS = CONFIGS / "demo.toml", CONFIGS / "two_legs.toml"
 CYCLE_NS = 10_000_000
 TURN_NS = 30_000_000
 
 
 def tracks(count=400, *, error_nm=0.0, error_n=0.0, rest=()):
     """An estimate that is the truth but for a constant, and null at some rows."""
-    traffic, true = Track(tuple(RECEIVED)), Track(TRUE)
+    traffic, true = made = LegTracks.new()
     for row in range(count):
         time_ns = 1_000_000_000 + row * CYCLE_NS
         hip, slide = 8 * math.sin(row / 40), 40 * math.cos(row / 40)
@@ -51,12 +52,12 @@ def tracks(count=400, *, error_nm=0.0, error_n=0.0, rest=()):
         if row in rest:
             values |= {"hip_patient_nm": math.nan, "slide_patient_n": math.nan}
         traffic.add(time_ns, tuple(values[name] for name in RECEIVED))
-    return traffic, true
+    return {"right": made}
 
 
 def rows(kind, **changes) -> tuple[Row, ...]:
     span = Span("a span", kind, 0, 10**12)
-    return evaluate([span], pairs(*tracks(**changes)))
+    return evaluate([span], pairs(tracks(**changes)))
 
 
 def test_an_estimate_within_its_bounds_passes():
@@ -80,30 +81,40 @@ def test_an_estimate_that_is_hardly_ever_valid_fails_however_good_it_is():
 
 
 def test_nothing_to_judge_is_a_failure():
-    judged = evaluate([Span("before", Kind.ACTIVE, 0, 1)], pairs(*tracks()))
+    judged = evaluate([Span("before", Kind.ACTIVE, 0, 1)], pairs(tracks()))
 
     assert not any(row.passed for row in judged)
-    assert not Results(pairs(*tracks()), [], [], [], "").passed
+    assert not Results(pairs(tracks()), [], [], [], "").passed
+
+
+def test_each_axis_of_two_legs_is_judged_and_bears_the_name_of_its_leg():
+    legs = {"right": tracks()["right"], "left": tracks(error_nm=0.7)["right"]}
+    judged = evaluate([Span("a span", Kind.ACTIVE, 0, 10**12)], pairs(legs))
+
+    assert [(row.axis, row.passed) for row in judged] == [
+        *(("right hip", True), ("right slide", True)),
+        *(("left hip", False), ("left slide", True)),
+    ]
 
 
 def test_an_artificial_disturbance_is_what_the_estimate_should_show():
-    traffic, true = Track(tuple(RECEIVED)), Track(TRUE)
+    traffic, true = made = LegTracks.new()
     true.add(0, (0.0, 0.0, 0.0, 0.0))
     values = dict.fromkeys(RECEIVED, 0.0) | {"hip_patient_nm": 4.0, "artificial_hip_nm": 4.0}
     traffic.add(0, tuple(values[name] for name in RECEIVED))
 
-    hip, slide = pairs(traffic, true)
+    hip, slide = pairs({"right": made})["right"]
 
     assert hip.wanted.tolist() == [4.0]
     assert slide.wanted.tolist() == [0.0]
 
 
 def test_an_estimate_without_a_truth_of_its_cycle_is_not_judged():
-    traffic, true = Track(tuple(RECEIVED)), Track(TRUE)
+    traffic, true = made = LegTracks.new()
     true.add(0, (0.0, 0.0, 0.0, 0.0))
     traffic.add(6_000_000, tuple(0.0 for _ in RECEIVED))
 
-    assert np.isnan(pairs(traffic, true)[0].wanted).all()
+    assert np.isnan(pairs({"right": made})["right"][0].wanted).all()
 
 
 def test_the_truth_is_followed_by_whole_lines(tmp_path):
@@ -129,23 +140,28 @@ def test_the_truth_is_followed_by_whole_lines(tmp_path):
     assert track.column("hip_patient_nm", values).tolist() == [8.5]
 
 
-def act_files(folder, edits, roles):
+def act_files(folder, edits, roles, trainer=DEMO):
     """Files of an act, which is not started."""
-    act = Stage(folder, CONFIGS, edits, roles, tempo=Tempo(), begin_ns=0)
+    act = Stage(folder, trainer, edits, roles, tempo=Tempo(), begin_ns=0)
     act.end()
     return act
 
 
 @pytest.mark.parametrize(
-    ("edits", "roles"),
-    [({}, {}), (empty_edits(CONFIGS), {}), (training.EDITS, training.ROLES)],
-    ids=["patient", "empty", "training"],
+    ("trainer", "edits", "roles"),
+    [
+        (DEMO, {}, {}),
+        (DEMO, empty_edits(DEMO), {}),
+        (DEMO, training.EDITS, training.ROLES),
+        (TWO_LEGS, empty_edits(TWO_LEGS), {}),
+    ],
+    ids=["patient", "empty", "training", "two_legs"],
 )
-def test_an_act_has_a_configuration_of_its_own_that_checks_out(tmp_path, edits, roles):
+def test_an_act_has_a_configuration_of_its_own_that_checks_out(tmp_path, trainer, edits, roles):
     from daemon.preflight.load import load
     from gaitd_lab.virtual_machine import load_plant
 
-    act = act_files(tmp_path, edits, roles)
+    act = act_files(tmp_path, edits, roles, trainer)
 
     settings = load(act.config)
     assert settings.file.trainer.zenoh.listen == act.target.endpoints
@@ -153,7 +169,7 @@ def test_an_act_has_a_configuration_of_its_own_that_checks_out(tmp_path, edits, 
     assert (settings.robot.patient is None) == ("robot_empty.toml" in edits)
     assert (settings.file.keys is not None) == bool(roles)
     assert load_plant(settings.file)[1].robot == settings.file.robot.name
-    here = tomllib.loads((CONFIGS / "demo.toml").read_text())
+    here = tomllib.loads(trainer.read_text())
     assert settings.file.trainer.bus.channel != here["bus"]["channel"]
 
 
@@ -162,7 +178,7 @@ def test_the_springs_of_the_empty_machine_carry_it_where_it_starts(tmp_path):
     from daemon.preflight.load import load
     from observer.mechanism.mechanism import gravity
 
-    act = act_files(tmp_path, empty_edits(CONFIGS), {})
+    act = act_files(tmp_path, empty_edits(DEMO), {})
     start = tomllib.loads((act.config.parent / "plant.toml").read_text())["start"]
 
     pose = np.array((math.radians(start["hip"]["position_deg"]), start["slide"]["position_m"]))
@@ -233,14 +249,13 @@ def _lives(pid: int) -> bool:
 
 def test_the_picture_is_drawn_also_of_a_demonstration_that_failed(tmp_path):
     spans = [Span("gait", Kind.ACTIVE, 1_000_000_000, 4_000_000_000)]
-    both = pairs(*tracks(rest=range(50, 90)))
+    legs = pairs(tracks(rest=range(50, 90)))
 
-    draw(Results(both, spans, evaluate(spans, both), [], "stopped"), tmp_path / "a.png")
-    draw(
-        Results(pairs(Track(tuple(RECEIVED)), Track(TRUE)), [], [], [], "early"), tmp_path / "b.png"
-    )
+    draw(Results(legs, spans, evaluate(spans, legs), [], "stopped"), tmp_path / "a.png")
+    draw(Results(pairs({"right": LegTracks.new()}), [], [], [], "early"), tmp_path / "b.png")
+    draw(Results({}, [], [], [], "early"), tmp_path / "c.png")
 
-    for name in ("a.png", "b.png"):
+    for name in ("a.png", "b.png", "c.png"):
         assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
 
 

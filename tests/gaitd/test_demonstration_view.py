@@ -11,7 +11,7 @@ from rich.text import Text
 
 from gaitd_lab.demonstration.clients import PageSpot
 from gaitd_lab.demonstration.curves import Chart, Curve
-from gaitd_lab.demonstration.feed import RECEIVED, TRUE, Receiver, Track
+from gaitd_lab.demonstration.feed import RECEIVED, LegTracks, Receiver, Track
 from gaitd_lab.demonstration.report import line
 from gaitd_lab.demonstration.script import Kind, Scene
 from gaitd_lab.demonstration.training import Training
@@ -21,20 +21,20 @@ from simtime.clock import PageClock
 NOW_NS = 20_000_000_000
 
 
-def tracks(*, silent: bool = False) -> tuple[Track, Track]:
-    traffic, true = Track(RECEIVED), Track(TRUE)
+def tracks(*legs: str, silent: bool = False) -> dict[str, LegTracks]:
+    traffic, true = made = LegTracks.new()
     for row in range(1600):
         time_ns = NOW_NS - (1600 - row) * 10_000_000
         hip = 8 * math.sin(row / 64)
         true.add(time_ns, (hip, 5 * hip, 6.0, 65.0))
         values = dict.fromkeys(RECEIVED, 1.0) | {"hip_patient_nm": math.nan if silent else hip}
         traffic.add(time_ns, tuple(values[name] for name in RECEIVED))
-    return traffic, true
+    return dict.fromkeys(legs or ("right",), made)
 
 
-def moment(traffic: Track, true: Track, receiver: Receiver | None = None) -> Moment:
+def moment(legs: dict[str, LegTracks], receiver: Receiver | None = None) -> Moment:
     scene = Scene("gait, the patient takes part", Kind.ACTIVE, 20.0)
-    return Moment(NOW_NS, 20.0, scene, 5.0, 0.8, receiver, traffic, true)
+    return Moment(NOW_NS, 20.0, scene, 5.0, 0.8, receiver, legs)
 
 
 def health() -> wire.Health:
@@ -85,12 +85,12 @@ def test_where_the_pages_are_is_on_the_screen(size):
         (PageSpot(8090, "").shown, "in a browser: http://127.0.0.1:8090/"),
         (training.shown, pages),
     ):
-        screen = drawn(moment(*tracks())._replace(pages=shown), *size)
+        screen = drawn(moment(tracks())._replace(pages=shown), *size)
         assert text in "\n".join(screen)
 
 
 def test_estimate_and_truth_of_both_axes_are_on_the_screen():
-    screen = "\n".join(drawn(moment(*tracks())))
+    screen = "\n".join(drawn(moment(tracks())))
 
     for words in ("hip: patient torque", "slide: patient force", "hip: friction", "estimate"):
         assert words in screen
@@ -98,37 +98,49 @@ def test_estimate_and_truth_of_both_axes_are_on_the_screen():
     assert "5 of 20 s" in screen
 
 
+def test_two_legs_are_above_each_other_and_leave_out_friction():
+    shown = moment(tracks("right", "left"))
+    screen = "\n".join(drawn(shown))
+
+    for leg in ("right", "left"):
+        assert f"{leg} hip: patient torque" in screen
+        assert f"{leg} slide: patient force" in screen
+        assert f"{leg} hip patient" in line(shown)
+    assert "friction" not in screen.replace("friction and patient", "")
+
+
 @pytest.mark.parametrize(("width", "height"), [(140, 44), (80, 24), (60, 16), (220, 60)])
-def test_the_picture_fits_its_screen(width, height):
-    lines = drawn(moment(*tracks()), width, height)
+@pytest.mark.parametrize("legs", [("right",), ("right", "left")])
+def test_the_picture_fits_its_screen(width, height, legs):
+    lines = drawn(moment(tracks(*legs)), width, height)
 
     assert len(lines) <= height
     assert max(map(len, lines)) <= width
 
 
 def test_before_anything_is_heard_the_view_says_so():
-    screen = "\n".join(drawn(moment(Track(RECEIVED), Track(TRUE))))
+    screen = "\n".join(drawn(moment({})))
 
     assert "starting" in screen
     assert "no word yet" in screen
-    assert line(moment(Track(RECEIVED), Track(TRUE))).split()[-1] == "starting"
+    assert line(moment({"right": LegTracks.new()})).split()[-1] == "starting"
 
 
 def test_the_service_s_own_state_is_shown(tmp_path):
     receiver = Receiver(
-        Target((), "trainer"), "right", Track(RECEIVED), PageClock(tmp_path / "bus")
+        Target((), "trainer"), {"right": Track(RECEIVED)}, PageClock(tmp_path / "bus")
     )
     receiver.health = health()
 
-    screen = "\n".join(drawn(moment(*tracks(), receiver)))
+    screen = "\n".join(drawn(moment(tracks(), receiver)))
 
     assert "1200 µs" in screen
     assert "overruns" in screen
 
 
 def test_an_estimate_that_is_null_is_a_gap_and_not_zero():
-    assert "–" in line(moment(*tracks(silent=True)))
-    assert "hip patient    0.0" not in line(moment(*tracks(silent=True)))
+    assert "–" in line(moment(tracks(silent=True)))
+    assert "hip patient    0.0" not in line(moment(tracks(silent=True)))
 
 
 def test_a_curve_with_gaps_and_a_curve_without_points_are_drawn():
