@@ -13,9 +13,11 @@ Workarounds, with their place in canopen:
 - A segmented transfer has no end while the server goes on: here each transfer has a deadline.
 
 A node has one SDO channel with one transfer at a time. A repeated reply to the same request is
-counted: two nodes may be answering.
+counted: two nodes may be answering. A reply to another client's request is no repeat (`gaitd scan`
+may read the same object beside a bring-up).
 """
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Final, TypeVar
 
@@ -162,6 +164,8 @@ class Configurator:
                 client = self._clients[node_id]
                 client.receive(frame.data)
                 self.traffic(node_id).sdo_repeat_count = client.repeat_count
+        elif service == SDO_REQUEST_ID and node_id:
+            self._client(node_id).receive_foreign_request(frame.data)
         elif service == HEARTBEAT_ID:
             self._receive_heartbeat(node_id, frame.data)
         elif service == EMERGENCY_ID and node_id:
@@ -217,6 +221,14 @@ class _Client(SdoClient):
         """Identifies the reply that ended the last request."""
         self.repeat_count = 0
         """Replies that repeat the last accepted one."""
+        self._others = Counter[bytes]()
+        """Requests of other clients that have no reply yet, by object; segments under no bytes."""
+
+    def receive_foreign_request(self, request: bytes) -> None:
+        """Take a request of another client to this node."""
+        reply = _REPLY_TO.get(request[0] & _COMMAND) if request else None
+        if reply is not None:
+            self._others[request[1:4] if reply in _WITH_OBJECT else b""] += 1
 
     def receive(self, reply: bytes) -> None:
         """Take a reply, unless it belongs to another request."""
@@ -224,6 +236,10 @@ class _Client(SdoClient):
             self._reply = None
             self._given = _identity(reply)
             self.responses.put(reply)
+            return
+        of = _identity(reply)[1:]
+        if self._others[of]:
+            self._others[of] -= 1
         else:
             self.repeat_count += _identity(reply) == self._given
 

@@ -398,6 +398,28 @@ def test_two_replies_at_the_same_time_are_one_and_its_repeat():
     assert port.traffic(NODE).sdo_repeat_count == 1
 
 
+@pytest.mark.parametrize(
+    ("request_", "reply"),
+    [
+        ("4000100000000000", "4300100092010200"),
+        ("4000100000000000", "8000100000000206"),
+        ("2b00100000000000", "6000100000000000"),
+        ("6000000000000000", "00"),
+    ],
+)
+def test_a_reply_to_another_client_s_request_repeats_none_and_the_next_one_does(request_, reply):
+    """One that came before ours, too: one of two equal replies is ours."""
+    port, _, _ = client(number)
+    receive(port, Frame(0x605, b""), Frame(0x605, bytes.fromhex(request_)))
+    port.read(NODE, 0x1000, 0)
+    again = Frame(0x585, bytes.fromhex("4300100092010200"))
+
+    receive(port, Frame(0x585, bytes.fromhex(reply)))
+    assert port.traffic(NODE).sdo_repeat_count == 0
+    receive(port, again)
+    assert port.traffic(NODE).sdo_repeat_count == 1
+
+
 def test_a_late_reply_to_a_request_that_was_given_up_repeats_none():
     port, server, _ = client(number)
     port.read(NODE, 0x1000, 0)
