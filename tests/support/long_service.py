@@ -38,7 +38,7 @@ class LongService(VirtualTrainer):
     def rest(self) -> None:
         """Let simulated time stand until the next `bring`."""
         self._rest.close()
-        if self._is_simulated and self.runs("sim"):
+        if self.is_on_simulated_bus and self.runs("sim"):
             self._rest.enter_context(self.held())
 
     def bring(self, mode: Mode, **wanted: object) -> Self:

@@ -60,10 +60,15 @@ def test_a_gateway_without_descriptors_reports_it_once_with_what_to_do(process, 
     log = config.with_suffix(".log")
     ask("status", config)
     limits = resource.prlimit(process.pid, resource.RLIMIT_NOFILE)
-    used = {int(one.name) for one in Path(f"/proc/{process.pid}/fd").iterdir()}
-    lowest = next(number for number in itertools.count() if number not in used)
-    resource.prlimit(process.pid, resource.RLIMIT_NOFILE, (lowest, limits[1]))
-    eventually(lambda: "no file descriptor left" in log.read_text(), 20)
+
+    def is_without():
+        """Again and again: the client's descriptor is closed a moment after the client has gone."""
+        used = {int(one.name) for one in Path(f"/proc/{process.pid}/fd").iterdir()}
+        lowest = next(number for number in itertools.count() if number not in used)
+        resource.prlimit(process.pid, resource.RLIMIT_NOFILE, (lowest, limits[1]))
+        return "no file descriptor left" in log.read_text()
+
+    eventually(is_without, 20)
     resource.prlimit(process.pid, resource.RLIMIT_NOFILE, limits)
 
     eventually(lambda: "has file descriptors again" in log.read_text(), 20)
