@@ -10,9 +10,7 @@ It only reads and listens: no NMT command, no write, no SYNC. Rules:
     SYNC and PDOs, and the transmit queue shared with a service holds one frame of the survey.
 3.  A node to which another client sends SDO requests (a bring-up) gets no request with an answer of
     several frames: its names, in segments, would mix with the other's transfer.
-4.  A node that stops answering gets no more requests, so only one timeout is spent on it. Where
-    another client uses its server, a request may meet that client's and be lost: it is repeated
-    once.
+4.  A node that stops answering gets no more requests, so only one timeout is spent on it.
 5.  If the first frames are not acknowledged, or end in bus-off, no more are sent.
 """
 
@@ -24,7 +22,7 @@ from drives.bringup.configurator import Configurator
 from drives.canopen.bus import Bus, Clock
 from drives.canopen.objects import Object
 from drives.canopen.sdo import upload_request
-from drives.canopen.sniffer import BusSniffer, NodeTraffic, SniffedBus
+from drives.canopen.sniffer import BusSniffer, SniffedBus
 from drives.errors import SdoAborted, SdoGarbled, SdoTimeout
 
 LISTEN_NS: Final = 1_000_000_000
@@ -135,16 +133,15 @@ def _query_all(bus: Bus, clock: Clock, found: Survey, pause_ns: int) -> Steps:
 
 def _read(node_id: int, port: Configurator, found: Survey, pause_ns: int) -> None:
     objects = found.objects[node_id] = {}
-    traffic = found.sniffer.node(node_id)
     try:
         for place in NUMBERS:
-            _read_one(node_id, place, port, objects, traffic, pause_ns)
+            _read_one(node_id, place, port, objects, pause_ns)
         if profile_number(objects) == DRIVE_PROFILE:
             for place in DRIVE_NUMBERS:
-                _read_one(node_id, place, port, objects, traffic, pause_ns)
+                _read_one(node_id, place, port, objects, pause_ns)
         for place in NAMES:
-            if not traffic.foreign_request_count:  # rule 3
-                _read_one(node_id, place, port, objects, traffic, pause_ns)
+            if not found.sniffer.node(node_id).foreign_request_count:  # rule 3
+                _read_one(node_id, place, port, objects, pause_ns)
     except SdoTimeout:
         found.fell_silent.add(node_id)
 
@@ -154,16 +151,10 @@ def _read_one(
     place: tuple[int, int],
     port: Configurator,
     objects: dict[tuple[int, int], bytes],
-    traffic: NodeTraffic,
     pause_ns: int,
 ) -> None:
     try:
-        try:
-            objects[place] = port.read(node_id, *place)
-        except SdoTimeout:
-            if not traffic.foreign_request_count:
-                raise
-            objects[place] = port.read(node_id, *place)
+        objects[place] = port.read(node_id, *place)
     except (SdoAborted, SdoGarbled):
         return  # an object that the drive lacks is absent from the result
     finally:

@@ -193,28 +193,13 @@ def test_answers_to_another_client_s_requests_are_no_second_answers():
     assert FindingKind.SDO_CLIENT in kinds(found)
 
 
-def test_a_service_s_requests_make_no_second_answer_and_no_silent_drive_beside_them():
-    """The bus is opened between the service's request for a temperature and its answer.
-
-    The drive drops our first request for its product code, which met the service's next one.
-    """
-    nodes = both()
-    nodes[0].mute = {(0x1018, 2)}
-
-    class Beside(MemoryBus):
-        def send(self, frames):
-            if any(frame.data[1:4] == b"\x18\x10\x02" for frame in self.sent):
-                nodes[0].mute.clear()
-            return super().send(frames)
-
+def test_an_answer_to_a_request_from_before_the_bus_was_opened_is_no_second_answer():
+    """Of a service that reads a temperature in its cycle."""
     request, answer = bytes.fromhex("4001320100000000"), bytes.fromhex("4b013201fa000000")
-    desk = Desk(*nodes, bus=Beside)
+    desk = Desk(*both())
     desk.at_ms((0, 0x585, answer), (500, 0x605, request), (501, 0x585, answer))
 
-    found = desk.scan()
-
-    assert found.findings == ()
-    assert found.stations[0].product_code == 0x61500000
+    assert desk.scan().findings == ()
 
 
 def test_a_device_under_the_node_id_of_our_master_is_a_duplicate():
