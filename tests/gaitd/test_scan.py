@@ -194,7 +194,7 @@ def test_answers_to_another_client_s_requests_are_no_second_answers():
 
 
 def test_an_answer_to_a_request_from_before_the_bus_was_opened_is_no_second_answer():
-    """Of a service that reads a temperature in its cycle."""
+    """A service reads a temperature in its cycle."""
     request, answer = bytes.fromhex("4001320100000000"), bytes.fromhex("4b013201fa000000")
     desk = Desk(*both())
     desk.at_ms((0, 0x585, answer), (500, 0x605, request), (501, 0x585, answer))
