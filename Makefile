@@ -24,7 +24,7 @@ RECORD := clients/record
 PACKAGES := $(CLIENT) $(DISPLAY) $(SESSION) $(ASSIST) $(RECORD) drives observer daemon sim_drives simtime gaitd gaitd_lab analysis
 
 .DEFAULT_GOAL := help
-.PHONY: help demo demo-session quick test test-rigs test-package test-power-cuts test-realtime test-all check clean-steps lint types imports kernels pytest coverage mutants sbom bench install install-display install-assist install-record uninstall purge deb release rigs lock format tables docs golden clean
+.PHONY: help demo demo-session quick test test-rigs test-package test-power-cuts test-all check clean-steps lint types imports kernels pytest coverage mutants sbom bench install install-display install-assist install-record uninstall purge deb release rigs lock format tables docs golden clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-15s %s\n", $$1, $$2}'
@@ -76,11 +76,8 @@ RIGS ?= required
 test-power-cuts: $(VENV)/dev.stamp  ## five kills of a virtual machine with its files on ext4, and the starts after them (after `make rigs`)
 	$(BIN)/pytest -s -m "rig_vcan and thorough" --rigs=$(RIGS) tests/rigs
 
-test-realtime: $(VENV)/dev.stamp  ## tests that need the wall clock; on a quiet machine
-	$(BIN)/pytest -m realtime
-
 test-all: check coverage  ## at night: whole fault matrix, an hour of random sessions, statistics, ablation, power cuts, mutants
-	$(BIN)/pytest -n $(WORKERS) -m "not realtime and not rig_vcan and not rig_systemd and not rig_browser"
+	$(BIN)/pytest -n $(WORKERS) -m "not rig_vcan and not rig_systemd and not rig_browser"
 	$(MAKE) --no-print-directory test-power-cuts RIGS=present
 	$(BIN)/python scripts/mutants.py
 

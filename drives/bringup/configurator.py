@@ -14,8 +14,13 @@ Workarounds, with their place in canopen:
 
 A node has one SDO channel with one transfer at a time. A repeated reply to the same request is
 counted: two nodes may be answering.
+
+Another client may use a node's server at the same time: `gaitd scan` and `gaitd drive` beside a
+service, which reads temperatures in its cycle. A reply to its request is no repeat, and an upload
+that meets its request, and has no reply, is tried once more: a server may drop one of the two.
 """
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Final, TypeVar
 
@@ -109,7 +114,16 @@ class Configurator:
 
     def read(self, node_id: int, index: int, sub: int) -> bytes:
         """As `DrivePort.read`."""
-        return self._transfer(node_id, index, sub, lambda client: client.upload(index, sub))
+
+        def upload(client: _Client) -> bytes:
+            return client.upload(index, sub)
+
+        try:
+            return self._transfer(node_id, index, sub, upload)
+        except SdoTimeout:
+            if not self._client(node_id).met_another:
+                raise
+            return self._transfer(node_id, index, sub, upload)
 
     def write(self, node_id: int, index: int, sub: int, data: bytes) -> None:
         """As `DrivePort.write`."""
@@ -120,6 +134,7 @@ class Configurator:
     ) -> _Result:
         client = self._client(node_id)
         client.timed_out = False
+        client.met_another = client.others.total() > 0
         client.deadline_ns = self._clock.now_ns() + max(SDO_TRANSFER_NS, self._sdo_timeout_ns)
         try:
             return run(client)
@@ -162,6 +177,8 @@ class Configurator:
                 client = self._clients[node_id]
                 client.receive(frame.data)
                 self.traffic(node_id).sdo_repeat_count = client.repeat_count
+        elif service == SDO_REQUEST_ID and node_id:
+            self._client(node_id).receive_foreign_request(frame.data)
         elif service == HEARTBEAT_ID:
             self._receive_heartbeat(node_id, frame.data)
         elif service == EMERGENCY_ID and node_id:
@@ -195,10 +212,8 @@ class _Client(SdoClient):
     """End of the transfer, set for each one."""
     timed_out: bool
     """The transfer had no reply in time, set for each one."""
-    _reply: int | None
-    """Command specifier of the reply to the last request; None: it has come."""
-    _object: bytes
-    """Index and sub-index of the transfer, as in its frames."""
+    met_another: bool
+    """A request of another client was unanswered during the transfer, set for each one."""
 
     def __init__(
         self,
@@ -213,10 +228,23 @@ class _Client(SdoClient):
         self.RESPONSE_TIMEOUT = 0
         self._send = send
         self._await_reply = await_reply
+        self._reply: int | None = None
+        """Command specifier of the reply to the last request; None: there is none to come."""
+        self._object = b""
+        """Index and sub-index of the transfer, as in its frames."""
         self._given: bytes | None = None
         """Identifies the reply that ended the last request."""
         self.repeat_count = 0
         """Replies that repeat the last accepted one."""
+        self.others = Counter[bytes]()
+        """Requests of other clients that have no reply yet, by object; segments under no bytes."""
+
+    def receive_foreign_request(self, request: bytes) -> None:
+        """Take a request of another client to this node."""
+        reply = _REPLY_TO.get(request[0] & _COMMAND) if request else None
+        if reply is not None:
+            self.others[request[1:4] if reply in _WITH_OBJECT else b""] += 1
+            self.met_another = True
 
     def receive(self, reply: bytes) -> None:
         """Take a reply, unless it belongs to another request."""
@@ -224,6 +252,10 @@ class _Client(SdoClient):
             self._reply = None
             self._given = _identity(reply)
             self.responses.put(reply)
+            return
+        of = _identity(reply)[1:]
+        if self.others[of]:
+            self.others[of] -= 1
         else:
             self.repeat_count += _identity(reply) == self._given
 

@@ -2,8 +2,10 @@
 
 `BusSniffer` takes all frames, those of this program too; `SniffedBus` wraps any `Bus`, so all
 traffic over that bus is recorded. Rules:
-1.  An answer belongs to a request of this program or of another client. More answers than requests
-    means that two nodes answer.
+1.  An answer belongs to a request of this program or of another client. An object is judged that
+    this program has requested: more answers than requests, counted from the first request on, means
+    that two nodes answer. Answers before it are another client's, whose request came before the bus
+    was opened.
 2.  A request that this program did not send means another SDO client: a bring-up, or a tool.
 3.  Identifiers are counted as they come; `inventory.py` attributes them to their senders.
 """
@@ -42,8 +44,12 @@ class NodeTraffic:
     emergencies: deque[bytes] = field(default_factory=lambda: deque[bytes](maxlen=EMERGENCIES_KEPT))
     requests: Counter[bytes] = field(default_factory=Counter[bytes])
     """Counts by bytes 1..3 of the request: index and sub-index."""
+    own_requests: set[bytes] = field(default_factory=set[bytes])
+    """Objects that this program has requested."""
     answers: Counter[bytes] = field(default_factory=Counter[bytes])
-    abort_count: int = 0
+    """Answers since the first request for the object (rule 1)."""
+    answered: bool = False
+    """It has answered an SDO request of any client."""
     foreign_requests: Counter[bytes] = field(default_factory=Counter[bytes])
     """SDO requests to it from other clients, counted as `requests`; those without an object under
     no bytes."""
@@ -59,14 +65,9 @@ class NodeTraffic:
         return self.foreign_request_count - of_service
 
     @property
-    def answered(self) -> bool:
-        """True if it has answered an SDO request of any client."""
-        return bool(self.answers) or self.abort_count > 0
-
-    @property
     def answered_twice(self) -> bool:
         """True if it gave more answers than there were requests (rule 1)."""
-        return any(count > self.requests[of] > 0 for of, count in self.answers.items())
+        return any(self.answers[of] > self.requests[of] for of in self.own_requests)
 
 
 class BusSniffer:
@@ -114,7 +115,10 @@ class BusSniffer:
         if self._error_counts_before is None:
             self._error_counts_before = self._error_counts()
         if frame.can_id & _SERVICE == SDO_REQUEST_ID:
-            _count_request(self.node(frame.can_id & _NODE), frame.data)
+            traffic, place = self.node(frame.can_id & _NODE), _object_of(frame.data)
+            if place:
+                traffic.requests[place] += 1
+                traffic.own_requests.add(place)
 
     def received(self, frame: Frame, now_ns: int) -> None:
         """Record a frame of another node, or an error frame of the controller."""
@@ -143,18 +147,15 @@ class BusSniffer:
         elif service == EMERGENCY_ID:
             traffic.emergencies.append(data)
         elif service == SDO_REQUEST_ID:
-            traffic.foreign_requests[_object_of(data)] += 1
-            _count_request(traffic, data)
+            place = _object_of(data)
+            traffic.foreign_requests[place] += 1
+            traffic.requests[place] += 1
         elif data and data[0] & _COMMAND == _ABORT:
-            traffic.abort_count += 1
+            traffic.answered = True
         elif data and data[0] & _COMMAND in _ANSWERS:
-            traffic.answers[data[1:4]] += 1
-
-
-def _count_request(traffic: NodeTraffic, data: bytes) -> None:
-    place = _object_of(data)
-    if place:
-        traffic.requests[place] += 1
+            traffic.answered = True
+            if data[1:4] in traffic.requests:
+                traffic.answers[data[1:4]] += 1
 
 
 def _object_of(data: bytes) -> bytes:

@@ -58,7 +58,6 @@ class Service(ServiceProcesses):
         trainer_file: str = "demo.toml",
         edits: Edits | None = None,
         pace: float | str = REAL_TIME,
-        wall_clock: bool = False,
     ) -> None:
         """As `ServiceProcesses`.
 
@@ -68,15 +67,13 @@ class Service(ServiceProcesses):
             trainer_file: name of the trainer file in that folder.
             edits: keys with other values, by file.
             pace: pace of simulated time outside of waits: a multiple of real time, or `max`.
-            wall_clock: the simulated bus uses the computer's clock, and nothing can be held.
 
         Raises:
             EditError: a key that does not exist.
         """
-        tempo = Tempo(str(pace), wall_clock)
+        tempo = Tempo(str(pace))
         super().__init__(folder, configs, trainer_file=trainer_file, edits=edits, tempo=tempo)
         self._clock: AgeClock | None = None
-        self._is_simulated = self.is_on_simulated_bus and not wall_clock
         self._hand = SocketLink(self.channel, Role.HAND, "test", timeout_s=HANG_S)
         self._reader: RingReader | None = None
         self._newest_seq = 0
@@ -197,7 +194,7 @@ class Service(ServiceProcesses):
         Raises:
             ServiceError: the virtual drives do not answer.
         """
-        if not self._is_simulated:
+        if not self.is_on_simulated_bus:
             time.sleep(duration_s)
             return
         left_ns = round(duration_s * NS_PER_S)
@@ -248,7 +245,7 @@ class Service(ServiceProcesses):
 
     def _tried_command(self, line: str) -> bool:
         """Send a command if time is simulated and the drives run; return whether it was sent."""
-        if not self._is_simulated or not self.runs("sim"):
+        if not self.is_on_simulated_bus or not self.runs("sim"):
             return False
         with contextlib.suppress(LinkLostError):
             self._reply(line)
@@ -256,7 +253,7 @@ class Service(ServiceProcesses):
         return False
 
     def _command(self, line: str) -> str:
-        if not self._is_simulated:
+        if not self.is_on_simulated_bus:
             raise ServiceError(f"{line!r}: time is not simulated on this bus")
         try:
             return self._reply(line)
@@ -360,7 +357,7 @@ class Service(ServiceProcesses):
                     return True
             return False
 
-        can_hold = self._is_simulated and self.runs("sim")
+        can_hold = self.is_on_simulated_bus and self.runs("sim")
         poll_s = CYCLE_S if self._held_count else STEP_S if can_hold else POLL_S
         with self.held() if can_hold else contextlib.nullcontext():
             self.wait(looked, within_s, poll_s)

@@ -398,6 +398,45 @@ def test_two_replies_at_the_same_time_are_one_and_its_repeat():
     assert port.traffic(NODE).sdo_repeat_count == 1
 
 
+@pytest.mark.parametrize(
+    ("request_", "reply"),
+    [
+        ("4000100000000000", "4300100092010200"),
+        ("4000100000000000", "8000100000000206"),
+        ("2b00100000000000", "6000100000000000"),
+        ("6000000000000000", "00"),
+    ],
+)
+def test_a_reply_to_another_client_s_request_repeats_none_and_the_next_one_does(request_, reply):
+    """One that came before ours, too: one of two equal replies is ours."""
+    port, _, _ = client(number)
+    receive(port, Frame(0x605, b""), Frame(0x605, bytes.fromhex(request_)))
+    port.read(NODE, 0x1000, 0)
+    again = Frame(0x585, bytes.fromhex("4300100092010200"))
+
+    receive(port, Frame(0x585, bytes.fromhex(reply)))
+    assert port.traffic(NODE).sdo_repeat_count == 0
+    receive(port, again)
+    assert port.traffic(NODE).sdo_repeat_count == 1
+
+
+@pytest.mark.parametrize(("came_ms", "requests"), [(None, 1), (0, 2), (100, 2)])
+def test_an_upload_without_a_reply_is_tried_once_more_where_it_met_another_client(
+    came_ms, requests
+):
+    """The other one's request came before it, or while it waited; its reply is none of ours."""
+    port, server, _ = client(lambda request: [])
+    if came_ms is not None:
+        port._bus.put(Frame(0x605, bytes.fromhex("4001320100000000")), came_ms * MS)
+        port._bus.put(Frame(0x585, bytes.fromhex("4b013201fa000000")), (came_ms + 1) * MS)
+        port.wait(port.now_ns())
+
+    with pytest.raises(SdoTimeout):
+        port.read(NODE, 0x1000, 0)
+
+    assert [request[0] for request in server.requests].count(0x40) == requests
+
+
 def test_a_late_reply_to_a_request_that_was_given_up_repeats_none():
     port, server, _ = client(number)
     port.read(NODE, 0x1000, 0)

@@ -110,7 +110,6 @@ def test_results_become_json_with_their_names():
     assert (told["what"], told["value"], told["peer_value"]) == ("way", 300.0, 200.0)
 
 
-@pytest.mark.realtime
 def test_bare_zenoh_is_timed_from_the_put_in_another_process_to_the_callback_in_this():
     assert whole_service.bare_puts(1400, 0.5) > 0
 

@@ -94,7 +94,6 @@ def cell():
     return made
 
 
-@pytest.mark.realtime
 def test_the_peer_holds_both_drives_and_stops_the_other_one_after_an_emergency(cell):
     assert cell.syncs[0].sync_count > 10
     assert cell.cpu_ratio[0] > 0

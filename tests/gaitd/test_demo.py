@@ -132,14 +132,6 @@ def test_a_second_demonstration_finds_the_same_errors(played, tmp_path):
     )
 
 
-@pytest.mark.realtime
-def test_by_the_wall_clock_the_demonstration_shows_how_late_its_cycles_were(tmp_path):
-    ran = play(tmp_path / "demo.png", "--wall-clock")
-
-    assert ran.returncode == 0, ran.stdout + ran.stderr
-    assert "overruns" in ran.stdout
-
-
 @pytest.mark.thorough
 def test_a_patient_who_tires_gets_help_as_needed(tmp_path):
     ran = play(tmp_path / "tiring.png", "--tiring", "--seconds", "120", "--pace", "max")

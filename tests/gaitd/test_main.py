@@ -197,7 +197,7 @@ def test_scan_told_wrongly_is_one_line_and_exit_code_2(tmp_path, words, said):
 
 def test_a_bus_that_cannot_be_opened_is_a_matter_of_configuration(tmp_path):
     config = Machine(tmp_path).config
-    gone = ('interface = "virtual"', 'interface = "socketcan"')
+    gone = ('interface = "simulated"', 'interface = "socketcan"')
     config.write_text(config.read_text().replace(*gone))
 
     for words in (("scan",), ("drive", "right/hip", "dump")):

@@ -193,6 +193,15 @@ def test_answers_to_another_client_s_requests_are_no_second_answers():
     assert FindingKind.SDO_CLIENT in kinds(found)
 
 
+def test_an_answer_to_a_request_from_before_the_bus_was_opened_is_no_second_answer():
+    """A service reads a temperature in its cycle."""
+    request, answer = bytes.fromhex("4001320100000000"), bytes.fromhex("4b013201fa000000")
+    desk = Desk(*both())
+    desk.at_ms((0, 0x585, answer), (500, 0x605, request), (501, 0x585, answer))
+
+    assert desk.scan().findings == ()
+
+
 def test_a_device_under_the_node_id_of_our_master_is_a_duplicate():
     stranger = scripted(DRIVES[0])
     stranger.node_id = 1

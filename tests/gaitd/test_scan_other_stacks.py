@@ -20,9 +20,9 @@ from drives.service.inventory import FindingKind, inventory_of
 from drives.service.scan import survey
 from drives.service.stations import Expected
 
-pytestmark = pytest.mark.realtime
-
 DRIVES = (drive("hip_epos4"), drive("slide_epos4"))
+PRODUCTS = {one.node_id: one.axis.identity.product_code for one in DRIVES}
+"""The EDS has no default for it."""
 MBIT = 1_000_000
 
 
@@ -59,6 +59,7 @@ def local_node(channel, node_id, serial):
     network.NOTIFIER_CYCLE = 0.02
     network.connect(interface="virtual", channel=channel)
     node = network.create_node(node_id, str(FOLDER / "epos4.eds"))
+    node.sdo[0x1018][2].raw = PRODUCTS[node_id]
     node.sdo[0x1018][4].raw = serial
     name = node.object_dictionary[0x1008]
     assert isinstance(name, ODVariable)

@@ -29,13 +29,6 @@ def _rest(request):
 
 
 @pytest.fixture(scope="session")
-def timed_service():
-    """The same by the computer's clock, for tests marked `realtime`."""
-    with long_lived(wall_clock=True) as service:
-        yield service
-
-
-@pytest.fixture(scope="session")
 def fault_table(pytestconfig):
     """Takes a row from each fault; written into docs/ with --write-process-faults."""
     table = FaultTable()

@@ -161,20 +161,13 @@ def test_a_log_on_a_full_disk_keeps_no_core_from_running_and_from_ending_with_0(
 # --- in operation -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "wall_clock",
-    [
-        pytest.param(False, marks=pytest.mark.thorough),
-        pytest.param(True, marks=pytest.mark.realtime),
-    ],
-    ids=["simulated", "by_the_clock"],
-)
+@pytest.mark.thorough
 def test_disks_that_fill_up_while_it_walks_change_nothing_but_one_event_and_the_end_is_orderly(
-    folder, small, fault_table, wall_clock
+    folder, small, fault_table
 ):
     # A file of the black box has some megabytes: the state directory must hold one afterwards.
     places = [small("run", RING_AND_A_LITTLE), small("state", "24m")]
-    service = LongService(folder, wall_clock=wall_clock)
+    service = LongService(folder)
     try:
         service.bring(Mode.GAIT)
         with Watch(service) as seen:

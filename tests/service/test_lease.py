@@ -1,12 +1,11 @@
-"""A controller in its own process: it steers, it dies, and a flood from others does no harm."""
+"""A controller in its own process: it steers, and it dies."""
 
 import subprocess
 import sys
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
-from gaitd_names import Cause, Mode, SetpointRefusal
+from gaitd_names import Cause, Mode
 from long_service import LongService
 from records import both
 
@@ -16,26 +15,6 @@ DOCUMENT = Path(__file__).parents[2] / "docs" / "control_by_others.md"
 def controller_of_the_document() -> str:
     text = DOCUMENT.read_text().partition("<!-- controller: begin -->\n```python\n")[2]
     return text.partition("```\n<!-- controller: end -->")[0]
-
-
-FLOOD = """
-import json, sys, time, zenoh
-config = zenoh.Config()
-config.insert_json5("mode", '"client"')
-config.insert_json5("connect/endpoints", json.dumps([sys.argv[1]]))
-config.insert_json5("scouting/multicast/enabled", "false")
-good = {"lease": 4711, "for_cycle": 1, "hip": {"assist": 20.0}, "slide": {"assist": 150.0}}
-with zenoh.open(config) as session:
-    publisher = session.declare_publisher("gaitd/trainer/right/setpoint")
-    print("begun", flush=True)
-    seq, begun = 0, time.monotonic()
-    while (elapsed := time.monotonic() - begun) < float(sys.argv[2]):
-        while seq < 10_000 * elapsed:
-            seq += 1
-            publisher.put(json.dumps({**good, "seq": seq}))
-        time.sleep(0.001)
-    print(seq)
-"""
 
 
 class Bench:
@@ -76,13 +55,6 @@ class Bench:
 @pytest.fixture
 def bench(long_service):
     made = Bench(long_service)
-    yield made
-    made.end()
-
-
-@pytest.fixture
-def timed_bench(timed_service):
-    made = Bench(timed_service)
     yield made
     made.end()
 
@@ -135,51 +107,3 @@ def test_a_stop_is_for_everybody_while_a_controller_steers(bench):
     assert stopped.code == 0
     assert record.verdict.cause == Cause.STOP_REQUESTED
     assert bench.service.request("status")["safety"]["lease_holder"] is None
-
-
-FLOOD_S = 4.0
-
-
-class Counted(NamedTuple):
-    overrun_count: int
-    record_count: int
-    sent_count: int
-    steered: bool
-
-
-def count_for(bench, flooding):
-    """What happens in a few seconds with the document's controller at work, flooded or not."""
-    bench.steering()
-    before = bench.service.newest()
-    client = bench.run(FLOOD if flooding else "import time; time.sleep(4); print(0)", FLOOD_S)
-    sent = int(client.communicate(timeout=60)[0].split()[-1])
-    after = bench.service.newest()
-    steered = after.mode == Mode.TORQUE
-    bench.clients[-2].kill()
-    bench.service.until(lambda record: record.mode != Mode.TORQUE, 10)
-    bench.service.wait(
-        lambda: bench.service.request("status")["safety"]["lease_holder"] is None, 10
-    )
-    overruns = after.timing.overrun_count - before.timing.overrun_count
-    return Counted(overruns, after.seq - before.seq, sent, steered)
-
-
-@pytest.mark.realtime
-def test_a_flood_of_setpoints_disturbs_neither_core_nor_gateway_nor_who_steers(timed_bench):
-    bench = timed_bench
-    quiet = count_for(bench, flooding=False)
-    loud = count_for(bench, flooding=True)
-
-    assert loud.steered
-    assert loud.sent_count > 1000
-    assert loud.overrun_count <= quiet.overrun_count + 0.02 * loud.record_count
-    # None of it came as far as the core.
-    counts = bench.service.newest().assist.refused_count
-    assert counts[SetpointRefusal.WRONG_LEASE] == 0
-    told = [
-        event
-        for event in bench.service.request("status")["events"]
-        if event["code"] == "setpoint_refused"
-    ]
-    assert "flood" in [event["values"]["setpoint_refusal"] for event in told]
-    assert len(told) <= 10

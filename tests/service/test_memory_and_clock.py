@@ -25,15 +25,7 @@ QUICK_STOP_MASK, QUICK_STOP = 0x06, 0x02
 @pytest.fixture(scope="module")
 def altered(long_service):
     """The long service with a core that obeys lines on stdin (altered_core.py)."""
-    return with_altered_core(long_service)
-
-
-@pytest.fixture(scope="module")
-def timed(timed_service):
-    return with_altered_core(timed_service)
-
-
-def with_altered_core(service):
+    service = long_service
     if service.runs("core"):
         service.kill("core")
     killed = service.boot_id()
@@ -98,9 +90,8 @@ def test_utc_that_steps_an_hour_forth_and_back_is_recorded_and_changes_nothing_e
     )
 
 
-@pytest.mark.realtime
-def test_a_core_that_gets_no_more_memory_walks_on_and_still_stops_when_asked(timed, fault_table):
-    service = timed.bring(Mode.GAIT)
+def test_a_core_that_gets_no_more_memory_walks_on_and_still_stops_when_asked(altered, fault_table):
+    service = altered.bring(Mode.GAIT)
     core = service.parts["core"]
     with Watch(service) as seen, without_more_memory(core):
         cycles_later(service, WITHOUT_MEMORY_CYCLES)
@@ -122,11 +113,11 @@ def test_a_core_that_gets_no_more_memory_walks_on_and_still_stops_when_asked(tim
     )
 
 
-@pytest.mark.realtime
+@pytest.mark.thorough
 def test_a_gateway_that_gets_no_more_memory_dies_or_serves_and_the_core_holds_at_the_latest(
-    timed, fault_table
+    altered, fault_table
 ):
-    service = timed.bring(Mode.GAIT)
+    service = altered.bring(Mode.GAIT)
     gateway = service.parts["gateway"]
     with Watch(service) as seen, without_more_memory(gateway):
         for _ in range(3):
@@ -151,11 +142,10 @@ def test_a_gateway_that_gets_no_more_memory_dies_or_serves_and_the_core_holds_at
     )
 
 
-@pytest.mark.realtime
 def test_a_core_whose_python_runs_out_of_memory_stops_the_drives_and_ends_with_4(
-    timed, fault_table
+    altered, fault_table
 ):
-    service = timed.bring(Mode.GAIT)
+    service = altered.bring(Mode.GAIT)
     with Watch(service) as seen:
         tell(service, "memory")
         code = service.parts["core"].wait(TIMEOUT_S)

@@ -1,16 +1,13 @@
 """SIGTERM, SIGKILL and SIGSTOP of each process, while it holds and while it walks.
 
-In simulated time milliseconds are asserted. While walking all is done once more by the computer's
-clock (`realtime`): what simulated time shows is so in real time, within a cycle or two.
+Time is simulated, so milliseconds are asserted. By the wall clock: `tests/rigs`.
 """
 
-import contextlib
 import itertools
 import signal
 
 import pytest
 from fault_observations import MASTER_HEARTBEAT, SYNC, Watch
-from fault_table import FaultTable
 from gaitd_names import Cause, Mode, StopCategory
 from long_service import TIMEOUT_S
 
@@ -35,39 +32,19 @@ RESTING = {PowerState.SWITCH_ON_DISABLED, PowerState.FAULT, PowerState.QUICK_STO
 @pytest.fixture(
     scope="module",
     params=[
-        pytest.param(("long_service", Mode.HOLD), id="holding", marks=pytest.mark.thorough),
-        pytest.param(("long_service", Mode.GAIT), id="walking"),
-        pytest.param(("timed_service", Mode.GAIT), id="timed", marks=pytest.mark.realtime),
+        pytest.param(Mode.HOLD, id="holding", marks=pytest.mark.thorough),
+        pytest.param(Mode.GAIT, id="walking"),
     ],
 )
-def begun(request):
+def mode(request):
     return request.param
 
 
 @pytest.fixture
-def mode(begun):
-    return begun[1]
-
-
-@pytest.fixture
-def is_timed(begun):
-    return begun[0] == "timed_service"
-
-
-@pytest.fixture
-def fault_table(fault_table, is_timed):
-    """The table is of simulated time."""
-    return FaultTable() if is_timed else fault_table
-
-
-@pytest.fixture
-def service(request, begun):
-    running = request.getfixturevalue(begun[0])
-    if begun[1] == Mode.HOLD:
-        running.bring(
-            Mode.READY
-        )  # it holds where the springs do: a quick stop begins without torque
-    return running.bring(begun[1])
+def service(long_service, mode):
+    if mode == Mode.HOLD:  # it holds where the springs do: a quick stop begins without torque
+        long_service.bring(Mode.READY)
+    return long_service.bring(mode)
 
 
 @pytest.fixture
@@ -77,9 +54,9 @@ def seen(service):
 
 
 @pytest.fixture
-def hold_up(service, is_timed):
+def hold_up(service):
     def run(part, for_s):
-        with contextlib.nullcontext() if is_timed else service.held():
+        with service.held():
             service.kill(part, signal.SIGSTOP)
             service.run(for_s)
             service.kill(part, signal.SIGCONT)
@@ -250,7 +227,7 @@ def test_sigterm_stops_first_then_switches_off_and_ends_with_0(service, seen, mo
 
 
 def test_a_core_that_is_killed_leaves_drives_that_stop_and_the_next_core_waits_for_a_request(
-    service, seen, mode, is_timed, fault_table
+    service, seen, mode, fault_table
 ):
     cycles_later(service, 10)  # a heartbeat of the master's is heard
     seen.begin()
@@ -266,7 +243,7 @@ def test_a_core_that_is_killed_leaves_drives_that_stop_and_the_next_core_waits_f
     assert set(seen.emergency_codes().values()) in ({LIFE_GUARD}, {RPDO_TIMEOUT})
     for node in NODES:
         noticed_ms = seen.ms_until_noticed(node, MASTER_HEARTBEAT)
-        assert noticed_ms == pytest.approx(DETECTION_MS, abs=10 if is_timed else 1e-3)
+        assert noticed_ms == pytest.approx(DETECTION_MS, abs=1e-3)
     assert within(moved, mode), moved
     killed_ns = seen.begun_ns + int(SHORT_S * 1e9)
     assert not seen.enabling(since_ns=killed_ns)

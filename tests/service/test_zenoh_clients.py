@@ -1,8 +1,8 @@
-"""Clients that flood, hang, die and come in numbers, and a network that is cut, while it walks.
+"""Clients that hang, die and come in numbers, and a network that is cut, while it walks.
 
-The core must not notice any of them: nothing that it counts of requests and stops changes, and the
-gateway's word is never too old. The gateway goes on answering others. In simulated time the core
-waits for the gateway: so whoever could starve it goes by the computer's clock (`realtime`).
+The core must not notice any of them: nothing that it counts of requests and stops changes. The
+gateway goes on answering others. Time is simulated, so the core waits for the gateway: that clients
+take no processor time from the core is not shown here.
 """
 
 import contextlib
@@ -25,8 +25,6 @@ from long_service import TIMEOUT_S
 from processes import Service
 
 CONFIGURATION_ERROR = 2
-FLOOD_S = 2.0
-ASKED_WHILE_FLOODED = 5
 SAMPLES = 100
 COMING_AND_GOING = 15
 HANDFUL = 4
@@ -41,25 +39,6 @@ config = zenoh.Config.from_json5(json.dumps({
     "scouting": {"multicast": {"enabled": False}}}))
 session = zenoh.open(config)
 """
-FLOOD = (
-    PLAIN
-    + """
-import random
-rng = random.Random(1)
-names = ("enable", "disable", "reset", "mode", "acquire", "release", "status", "config", "nothing")
-garbage = (b"", b"{", b"\\xff" * 100, b"[" * 3000, b'{"mode": 7}', b'{"unknown": 1}', b"x" * 100000)
-print("floods", flush=True)
-end_s = time.monotonic() + float(sys.argv[2])
-count = 0
-while time.monotonic() < end_s:
-    # What asks for nothing with an empty payload would be a request, and no garbage.
-    payload = rng.choice(garbage[1:])
-    session.get("gaitd/trainer/control/" + rng.choice(names), lambda reply: None, payload=payload)
-    count += 1
-print(count, flush=True)
-session.close()
-"""
-)
 DEAF = (
     PLAIN
     + """
@@ -121,7 +100,7 @@ def answers(service):
 
 
 def undisturbed(service, disturb):
-    """Do something beside the walking core; its records."""
+    """Do something beside the walking core; its result."""
     with Watch(service.bring(Mode.GAIT)) as seen:
         before = service.newest()
         result = disturb(service)
@@ -132,33 +111,11 @@ def undisturbed(service, disturb):
     assert {record.stop_count for record in records} == {before.stop_count}
     assert {record.request.id for record in records} == {before.request.id}
     assert records[-1].tx_dropped_count == before.tx_dropped_count
-    return result, records
+    return result
 
 
-def told(fault_table, fault, records, what, noticed="none"):
-    oldest = max(record.gateway_age_cycles for record in records)
-    reaction = f"{what}; the gateway's word is {oldest} cycles old at most"
-    fault_table.add(fault, "walking", noticed, reaction, None, "none", "gait")
-
-
-def flood(service):
-    with plain_client(service, FLOOD, str(FLOOD_S)) as client:
-        answered = sum(answers(service) for _ in range(ASKED_WHILE_FLOODED))
-        count = int(client.stdout.readline())
-    return answered, count
-
-
-@pytest.mark.realtime
-def test_a_flood_of_garbage_to_control_reaches_the_core_with_nothing_and_others_are_answered(
-    timed_service, fault_table
-):
-    (answered, count), records = undisturbed(timed_service, flood)
-
-    assert count > 100
-    assert answered > 0
-    assert answers(timed_service)
-    what = f"{count} queries in {FLOOD_S:g} s: none reached the core, others were answered"
-    told(fault_table, "flood of garbage queries to control/*", records, what)
+def told(fault_table, fault, what, noticed="none"):
+    fault_table.add(fault, "walking", noticed, what, None, "none", "gait")
 
 
 def hang(service):
@@ -170,12 +127,11 @@ def hang(service):
     return answers(service)
 
 
-@pytest.mark.realtime
-def test_a_subscriber_that_never_reads_takes_nothing_from_the_others(timed_service, fault_table):
-    answered, records = undisturbed(timed_service, hang)
+def test_a_subscriber_that_never_reads_takes_nothing_from_the_others(long_service, fault_table):
+    answered = undisturbed(long_service, hang)
 
     assert answered
-    told(fault_table, "subscriber that never reads", records, "others hear every cycle")
+    told(fault_table, "subscriber that never reads", "others go on hearing")
 
 
 def come_and_go(service):
@@ -191,13 +147,11 @@ def come_and_go(service):
     return answers(service)
 
 
-@pytest.mark.realtime
-def test_clients_that_come_and_go_leave_nothing_open_in_the_gateway(timed_service, fault_table):
-    answered, records = undisturbed(timed_service, come_and_go)
+def test_clients_that_come_and_go_leave_nothing_open_in_the_gateway(long_service, fault_table):
+    answered = undisturbed(long_service, come_and_go)
 
     assert answered
-    what = f"{COMING_AND_GOING} clients: no descriptor stays open"
-    told(fault_table, "clients that come and go", records, what)
+    told(fault_table, "clients that come and go", "no descriptor stays open")
 
 
 def cut(pid: int, port: int, state: str) -> int:
@@ -252,14 +206,11 @@ def cut_all(service):
     return count
 
 
-@pytest.mark.realtime
-def test_a_session_that_is_cut_is_not_noticed_by_the_core_and_comes_back(
-    timed_service, fault_table
-):
-    count, records = undisturbed(timed_service, cut_all)
+def test_a_session_that_is_cut_is_not_noticed_by_the_core_and_comes_back(long_service, fault_table):
+    count = undisturbed(long_service, cut_all)
 
     assert count > 0
-    told(fault_table, "Zenoh sessions cut", records, "clients connect again", "the clients")
+    told(fault_table, "Zenoh sessions cut", "clients connect again", "the clients")
 
 
 def cut_listener(service):
@@ -276,18 +227,18 @@ def cut_listener(service):
     return count, asked, stranger
 
 
-@pytest.mark.realtime
+@pytest.mark.thorough
 def test_a_listener_that_is_lost_keeps_new_clients_out_until_the_gateway_starts_again(
-    timed_service, fault_table
+    long_service, fault_table
 ):
-    (count, asked, stranger), records = undisturbed(timed_service, cut_listener)
+    count, asked, stranger = undisturbed(long_service, cut_listener)
 
     assert count == 1
     assert asked
     assert stranger["outcome"] == "unanswered"
-    timed_service.bring(Mode.HOLD)
+    long_service.bring(Mode.HOLD)
     what = "sessions that exist go on, new clients get no answer: start the gateway again"
-    told(fault_table, "Zenoh listener lost", records, what, "new clients")
+    told(fault_table, "Zenoh listener lost", what, "new clients")
 
 
 def run_out_of_descriptors(service):
@@ -307,15 +258,14 @@ def run_out_of_descriptors(service):
     return refused
 
 
-@pytest.mark.realtime
+@pytest.mark.thorough
 def test_a_gateway_without_descriptors_refuses_clients_and_serves_again_when_there_are_some(
-    timed_service, fault_table
+    long_service, fault_table
 ):
-    refused, records = undisturbed(timed_service, run_out_of_descriptors)
+    refused = undisturbed(long_service, run_out_of_descriptors)
 
     assert refused > 0
-    what = f"{refused} of {HANDFUL} clients refused, all are served later"
-    told(fault_table, "gateway out of file descriptors", records, what, "new clients")
+    told(fault_table, "gateway out of file descriptors", "refused, served later", "new clients")
 
 
 def test_a_client_killed_while_its_request_is_answered_leaves_the_request_and_the_gateway(

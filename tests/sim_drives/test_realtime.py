@@ -233,7 +233,6 @@ class Recorder:
         return self.now_ns + 1_000_000_000
 
 
-@pytest.mark.realtime
 def test_a_sync_that_came_while_the_process_was_held_up_reaches_the_drives_when_it_was_sent():
     with (
         can.Bus(interface="virtual", channel="held-up", preserve_timestamps=True) as master,

@@ -1,35 +1,32 @@
-"""A trainer file whose virtual drives run in real time on a bus inside the test's own process."""
+"""A trainer file whose virtual drives are on a bus in the test's own process, in simulated time."""
 
 import contextlib
-import threading
-import uuid
 
-import can
-from drive_bench import booted_bench
+from drive_bench import Bench
 from sessions import changed_configs
 
-from sim_drives.time.wall_clock import RealTime
+from drives.canopen.frame import Frame
+from gaitd_lab.lockstep import WorldBus, WorldClock
+
+LATER_NS = 50_000_000
 
 
 class Machine:
-    """Drives on a bus, and the trainer file that leads to them."""
+    """The trainer file, its booted drives, and another station on their bus."""
 
     def __init__(self, folder, *changes):
-        self.channel = uuid.uuid4().hex
-        demo = ("demo.toml", 'interface = "simulated"', 'interface = "virtual"')
-        address = ("demo.toml", "/dev/shm/gaitd-demo.bus", self.channel)
-        self.config = changed_configs(folder, demo, address, *changes) / "demo.toml"
-        self.bench = booted_bench()
+        self.config = changed_configs(folder, *changes) / "demo.toml"
+        self.drives = Bench()
+        self.drives.boot()
+        self._bus = WorldBus(self.drives.world)
+        self._other = self._bus.conductor.join("other", in_step=False)
 
     @contextlib.contextmanager
-    def running(self):
-        over = threading.Event()
-        with can.Bus(interface="virtual", channel=self.channel) as station:
-            drives = RealTime(self.bench.world, station)
-            thread = threading.Thread(target=drives.run, args=(over.is_set,))
-            thread.start()
-            try:
-                yield self
-            finally:
-                over.set()
-                thread.join()
+    def opened(self, _place):
+        """In place of `bus_choice.opened`."""
+        yield self._bus, WorldClock(self._bus)
+
+    def send_later(self, can_id, data):
+        """Let the other station send a frame while a command listens."""
+        bus, frames = self._bus.conductor, (Frame(can_id, data),)
+        bus.at(bus.now_ns + LATER_NS, lambda: bus.send(self._other, frames))

@@ -5,8 +5,7 @@
         ...
         seen.read_bus()
 
-Times are simulated, or the computer's where the service goes by it: then they are told, and what is
-asserted is counted in frames and in the core's own cycles.
+Times are simulated.
 """
 
 import contextlib

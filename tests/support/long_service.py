@@ -30,17 +30,15 @@ class LongService(VirtualTrainer):
 
     ask, ran = Service.ask, Service.ran
 
-    def __init__(
-        self, folder: Path, template: str = "demo.toml", *, wall_clock: bool = False
-    ) -> None:
+    def __init__(self, folder: Path, template: str = "demo.toml") -> None:
         edits = {template: {**its_bus(CONFIGS / template), **QUICKER}}
-        super().__init__(folder, CONFIGS, trainer_file=template, edits=edits, wall_clock=wall_clock)
+        super().__init__(folder, CONFIGS, trainer_file=template, edits=edits)
         self._rest = contextlib.ExitStack()
 
     def rest(self) -> None:
         """Let simulated time stand until the next `bring`."""
         self._rest.close()
-        if self._is_simulated and self.runs("sim"):
+        if self.is_on_simulated_bus and self.runs("sim"):
             self._rest.enter_context(self.held())
 
     def bring(self, mode: Mode, **wanted: object) -> Self:
@@ -56,10 +54,10 @@ class LongService(VirtualTrainer):
 
 
 @contextlib.contextmanager
-def long_lived(template: str = "demo.toml", *, wall_clock: bool = False) -> Generator[LongService]:
+def long_lived(template: str = "demo.toml") -> Generator[LongService]:
     """One that has not begun; `bring` starts what does not run."""
     with tempfile.TemporaryDirectory(dir=memory_folder()) as folder:
-        service = LongService(Path(folder), template, wall_clock=wall_clock)
+        service = LongService(Path(folder), template)
         try:
             yield service
         finally:
