@@ -8,7 +8,6 @@ from gaitd_client import Cause, Trainer
 from gaitd_names import Mode
 from gaitd_session import Advice, Button, Phase, Session, Store, open_history
 from gaitd_session.export import export
-from msgspec.structs import replace
 from training import profile
 
 FOLLOWED_S = 60.0
@@ -24,13 +23,6 @@ def quick(required):
             "self_test.required": required,
         }
     }
-
-
-def shorter():
-    """The profile with a warm-up of 6 s."""
-    made = profile()
-    warm_up = replace(made.plan.warm_up, duration_s=6.0)
-    return replace(made, plan=replace(made.plan, warm_up=warm_up))
 
 
 class Patient:
@@ -82,23 +74,22 @@ class Patient:
 def test_a_patient_who_does_as_told_passes_the_test_walks_is_stopped_and_goes_on(
     virtual_trainers, tmp_path, required
 ):
-    plan = shorter()
     virtual_trainer = virtual_trainers(quick(required))
     file = tmp_path / "history.sqlite"
     history = open_history(file)
     clock = virtual_trainer.clock
     with (
         Trainer(virtual_trainer.endpoint, clock=clock) as trainer,
-        Session(trainer, plan, history, clock) as session,
+        Session(trainer, profile(), history, clock) as session,
     ):
         patient = Patient(session, virtual_trainer)
-        patient.until(lambda view: view.phase is Phase.WALKING and 0 < view.block_left_s < 5)
+        patient.until(lambda view: view.phase is Phase.WALKING and 0 < view.block_left_s < 9)
         assert Phase.SELF_TEST in patient.phases
         virtual_trainer.stop()
         patient.until(lambda view: view.phase is Phase.STOPPED)
         assert patient.view.cause == Cause.STOP_REQUESTED
         patient.until(lambda view: view.phase is Phase.PAUSED)
-        assert 0 < patient.view.block_left_s < 5
+        assert 0 < patient.view.block_left_s < 9
         patient.until(lambda view: view.phase is Phase.REST)
         assert patient.view.block.number == 2
         session.press(Button.END)
@@ -108,12 +99,12 @@ def test_a_patient_who_does_as_told_passes_the_test_walks_is_stopped_and_goes_on
     history.store.close()
 
     with Store(file, is_writer=False) as store:
-        (summary,) = store.summaries(plan.id)
-        strides = store.strides(plan.id)
-        assert store.self_test_utc_ns(plan.id) > summary.begun_utc_ns
-        assert 0.1 <= store.middles(plan.id)["right"] <= 0.6
+        (summary,) = store.summaries(profile().id)
+        strides = store.strides(profile().id)
+        assert store.self_test_utc_ns(profile().id) > summary.begun_utc_ns
+        assert 0.1 <= store.middles(profile().id)["right"] <= 0.6
     assert summary.end == "ended"
-    assert 6.0 <= summary.walked_s < 13.0
+    assert 10.0 <= summary.walked_s < 17.0
     assert summary.stride_count == len(strides) >= 1
     assert summary.interruption_count >= 1
     export(strides, tmp_path / "strides.csv")

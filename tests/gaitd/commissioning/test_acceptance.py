@@ -63,7 +63,7 @@ PROGRAMMES = (
 )
 HANDS = ("plant.toml", BEFORE, PROGRAMMES)
 """What the operator's hands do to a leg without power."""
-GAIT = Gait(0.25, 1.0)
+GAIT = Gait(0.5, 1.0)
 MILLISECOND = 1_000_000
 BEGUN = "2026-01-01T00:00:00+00:00"
 SECONDS_OF_HANDS = 1.5
