@@ -22,7 +22,8 @@ loops see the position through an encoder that may count in the wrong direction.
 """
 
 import math
-from typing import Final
+from collections.abc import Sequence
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,16 +107,31 @@ NOT_BEGUN: Final = -1
 """Value of `acting`: the ordered actuation begins at the loops' next tick."""
 
 
-def take_order(orders: Records, axis: int, loop: np.void, order: AxisActuation) -> None:
-    """Write an axis's order in the kernels' form.
+def take_order(
+    orders: Sequence[NDArray[Any]],
+    axis: int,
+    loop: np.void,
+    order: AxisActuation,
+    before: AxisActuation,
+) -> None:
+    """Write an axis's order in the kernels' form, only what differs from the one before.
 
     The flags of the previous actuation are cleared at once, so that the standstill of an older
     ramp is never taken for that of a new one.
+
+    Args:
+        orders: the fields of the ORDER records, in their order.
+        axis: number of the axis.
+        loop: its LOOP record.
+        order: the order.
+        before: the order that the records hold.
     """
-    if orders[axis]["actuation"] != order.actuation:
+    if before.actuation != order.actuation:
         loop["acting"] = NOT_BEGUN
         loop["flags"] &= STOP_NEGATIVE | STOP_POSITIVE
-    orders[axis] = order
+    for field, value, was in zip(orders, order, before, strict=True):
+        if value != was:
+            field[axis] = value
 
 
 def fresh_loops() -> Records:

@@ -17,7 +17,7 @@ from observer.mechanism.parameters import LegParameters
 from sim_drives.plant.actuation import Actuation, AxisActuation, AxisSample
 from sim_drives.plant.dynamics import WORK, Constants, State, advance_steps
 from sim_drives.plant.led import LEAD, follow, unled
-from sim_drives.plant.motor import DRIVE, ORDER, fresh_loops, joint_effort, take_order
+from sim_drives.plant.motor import DRIVE, ORDER, fresh_loops, take_order
 from sim_drives.plant.patient import EFFORT, compile_programme, resting_stride
 from sim_drives.plant.recorded import Values
 from sim_drives.plant.settings import (
@@ -231,6 +231,11 @@ class Trainer:
         self._drives = _drives(settings.motor, settings.loop, effort_per_a)
         self._effort_per_a = effort_per_a
         self._orders = np.zeros(2, ORDER)
+        self._order_fields = tuple(_fields(self._orders).values())
+        self._ordered = [
+            AxisActuation(Actuation(actuation), *numbers)
+            for actuation, *numbers in self._orders.tolist()
+        ]
         self._step_ns = settings.step.physics_us * NS_PER_US
         self._start_ns = start_ns
         self._step_index = 0
@@ -262,7 +267,9 @@ class Trainer:
         Sending the same order again changes nothing; a new position target starts a new line from
         the present set point. Another actuation clears the flags of the last one.
         """
-        take_order(self._orders, axis, self._state.loops[axis], actuation)
+        loop, before = self._state.loops[axis], self._ordered[axis]
+        take_order(self._order_fields, axis, loop, actuation, before)
+        self._ordered[axis] = actuation
 
     def block_rotor(self, axis: int, blocked: bool) -> None:
         """Block an axis's rotor from outside, or free it. A moving axis stops in one step."""
@@ -374,23 +381,31 @@ class Trainer:
 
     def truth(self) -> Truth:
         """Return the present true state, including what no drive measures."""
-        joints, loops = self._joints, self._state.loops
-        effort = np.array([joint_effort(loop, loop["effort"]) for loop in loops])
-        impulse = joints["effort_impulse"] + effort * self._since_grid_s
+        joints, since_s = self._joints, self._since_grid_s
+        effort = self._true_effort(HIP), self._true_effort(SLIDE)
+        impulse = _pair(joints["effort_impulse"])
         stuck = joints["stuck"]
-        hip, slide = (_motion(joints, axis, self._since_grid_s) for axis in (HIP, SLIDE))
+        hip, slide = (_motion(joints, axis, since_s) for axis in (HIP, SLIDE))
         return Truth(
             time_ns=self._now_ns,
             position=(hip[0], slide[0]),
             velocity=(hip[1], slide[1]),
             patient=_pair(joints["patient"]),
             friction=_pair(joints["friction"]),
-            effort=_pair(effort),
+            effort=effort,
             contact=_pair(joints["contact"]),
-            effort_impulse=_pair(impulse),
+            effort_impulse=(impulse[0] + effort[0] * since_s, impulse[1] + effort[1] * since_s),
             sticking=(bool(stuck.item(HIP)), bool(stuck.item(SLIDE))),
             programme=self._programme_name,
         )
+
+    def _true_effort(self, axis: int) -> float:
+        """As `motor.joint_effort` of what the drive measures; a call of the kernel costs more."""
+        loops = self._loops
+        effort = loops["effort"].item(axis)
+        if loops["acting"].item(axis) != Actuation.COAST:
+            effort -= loops["sensed_too_much"].item(axis)
+        return loops["motor_sense"].item(axis) * effort
 
     def work(self) -> dict[str, float]:
         """Work done on the mechanism since the start, J: by drives, patient, friction, contact."""

@@ -198,7 +198,7 @@ class Conductor:
 
     def _deliver(self, seat: Seat, frame: Frame) -> None:
         if seat.keeps_sent:
-            seat.sent.append(frame._replace(time_ns=self.now_ns))
+            seat.sent.append(Frame(frame.can_id, frame.data, self.now_ns, frame.is_error))
         self.world.receive(frame)
         for other in self.seats:
             if other is not seat and not other.trouble.is_off:

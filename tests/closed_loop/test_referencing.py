@@ -23,6 +23,9 @@ HIP, SLIDE = "right/hip", "right/slide"
 EMPTY = (
     ("demo.toml", '"robot.toml"', '"robot_empty.toml"'),
     ("plant.toml", '"robot.toml"', '"robot_empty.toml"'),
+    # A search three times as fast, which finds its switch sooner.
+    ("drives/hip_epos4.toml", "search_speed_si_per_s = 0.1", "search_speed_si_per_s = 0.3"),
+    ("drives/slide_epos4.toml", "search_speed_si_per_s = 0.05", "search_speed_si_per_s = 0.15"),
 )
 MOVE = "Home offset move distance"
 HOME_SHIFT = "\nObjectType=0x7\nDataType=0x0004\nAccessType=rw\nDefaultValue="
@@ -472,7 +475,7 @@ def test_a_sign_test_puts_no_origin_in_doubt(tmp_path):
 
 
 def test_a_homing_faster_than_its_search_has_run_away_and_is_stopped(tmp_path):
-    slow = ("drives/hip_epos4.toml", "search_speed_si_per_s = 0.1", "search_speed_si_per_s = 0.01")
+    slow = ("drives/hip_epos4.toml", "search_speed_si_per_s = 0.3", "search_speed_si_per_s = 0.01")
     session = new_session(changed_configs(tmp_path, *EMPTY, *INCREMENTAL, slow)).until_ready()
     node = session.machine.world
     asked(session, HIP)

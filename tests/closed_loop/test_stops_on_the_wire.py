@@ -147,7 +147,7 @@ def stopping(session):
 def fault(session):
     session.command("hand_switch_open right/hip 0.5")
     session.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
-    session.run(1)
+    session.run(0.5)
 
 
 @pytest.fixture
@@ -192,7 +192,7 @@ def test_a_stop_from_every_state_energises_nothing(warm_begin, state, category):
     sent = len(warm_begin.bus.sent)
 
     warm_begin.gateway.stop()
-    warm_begin.run(1.5)
+    warm_begin.run(0.8)
 
     frames = warm_begin.bus.sent[sent:]
     for node in NODES:

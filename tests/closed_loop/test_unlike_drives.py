@@ -10,6 +10,7 @@ from gaitd_names import Cause, Mode, RequestKind
 from sessions import changed_configs
 
 from daemon.preflight.load import load
+from drives.signals import PowerState
 from gaitd_lab.lockstep import LockstepSession
 from gaitd_lab.virtual_machine import virtual_machine
 from sim_drives.plant.truth import TruthLog
@@ -31,7 +32,7 @@ SLIDE = {
     "torque_constant_nm_per_a": 0.12,
     "nominal_current_a": 5.5,
 }
-WALK_CYCLES = 200
+WALK_CYCLES = 100
 
 
 def changed(text, values):
@@ -65,7 +66,7 @@ def warm_unlike(tmp_path_factory):
     settings = load(configs / "two_legs.toml")
     truth = {leg.name: TruthLog(None) for leg in settings.legs}
     session = LockstepSession(settings, virtual_machine(settings.file, truth=truth))
-    return session.walk(cadence_hz=0.5, duration_s=2.0), truth
+    return session.walk(cadence_hz=0.5, duration_s=4.3), truth
 
 
 def test_each_leg_is_where_its_own_drives_say_and_its_patient_is_passive(warm_unlike):
@@ -81,6 +82,22 @@ def test_each_leg_is_where_its_own_drives_say_and_its_patient_is_passive(warm_un
             activity = record.legs[number]
             if activity.hip.validity == 0:
                 assert activity.hip.patient == pytest.approx(0.0, abs=3.0)
+
+
+def test_two_legs_walk_half_a_stride_apart_and_stop_together(warm_unlike):
+    session, _ = warm_unlike
+    walking = session.record
+
+    session.command("hand_switch_open left/slide")
+    session.run(1.0)
+
+    stopped = session.record
+    right, left = walking.legs
+    assert [right.name, left.name] == ["right", "left"]
+    assert abs(right.hip.reference_position - left.hip.reference_position) > 0.05
+    assert (left.gait_phase - right.gait_phase) % 1.0 == pytest.approx(0.5)
+    assert stopped.verdict.drive == "left/slide"
+    assert {drive.power_state for drive in stopped.drives} == {PowerState.QUICK_STOP_ACTIVE}
 
 
 def test_a_fault_of_one_drive_is_told_by_its_name_and_stops_all(warm_unlike):

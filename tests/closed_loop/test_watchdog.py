@@ -148,9 +148,9 @@ def test_nothing_new_is_told_rarely(session):
     watched(session)
     session.systemd.forget()
 
-    session.run(7)
+    session.run(3)
 
-    assert len(session.systemd.status) <= 7 * 100 / PROGRESS_CYCLES + 1
+    assert len(session.systemd.status) <= 3 * 100 / PROGRESS_CYCLES + 1
     assert all(line.endswith("[gait]") for line in session.systemd.status)
 
 

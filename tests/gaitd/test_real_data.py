@@ -91,7 +91,9 @@ def tables(recordings, tmp_path_factory):
     """What the command prints as JSON."""
     output = tmp_path_factory.mktemp("page")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gaitd_lab.studies.real_data.measured_patient.SEEDS", 2)
+        # Other starts are those of tests/analysis/test_calibration_starts.py.
+        patch.setattr("analysis.calibration.fit.START_ENCODERS", (1.0,))
+        patch.setattr("gaitd_lab.studies.real_data.measured_patient.SEEDS", 1)
         patch.setattr("gaitd_lab.studies.real_data.measured_patient.STRIDES", 8)
         patch.setattr("gaitd_lab.studies.real_data.study.CADENCES_HZ", (0.5,))
         ran = gaitd("real-data", recordings, "--output", output, "--json")
@@ -174,8 +176,8 @@ def test_strides_of_a_measured_patient_are_found(tables):
     row = dict(zip(tables[2]["head"], cells, strict=True))
     true, error = row["true work with the motion"], row["error of the work"]
 
-    assert (row["cadence"], row["seeds"]) == ("0.5 Hz", "2")
-    assert int(row["strides"]) >= 6
+    assert (row["cadence"], row["seeds"]) == ("0.5 Hz", "1")
+    assert int(row["strides"]) >= 3
     assert true["value_high"] > 1.5 * true["value_low"]  # counted from another phase on
     assert max(-error["value_low"], error["value_high"]) < 6.0
     assert row["correlation of found and true work"] > 0.99

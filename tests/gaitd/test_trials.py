@@ -65,7 +65,7 @@ def test_the_rows_to_judge_are_those_of_the_gait(walk):
 
 
 def test_a_service_that_stops_shortens_the_trial(tmp_path):
-    change = ("limits.toml", "stride_energy_max_j = 400.0", "stride_energy_max_j = 200.0")
+    change = ("limits.toml", "stride_energy_max_j = 400.0", "stride_energy_max_j = 100.0")
     trial = Trials(changed_configs(tmp_path, change) / "demo.toml").gait(
         Situation(cadence_hz=0.5, programme="active"), 25.0
     )

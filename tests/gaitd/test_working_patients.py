@@ -87,11 +87,16 @@ def test_each_patient_and_each_control_has_its_cells():
 @pytest.mark.parametrize(
     ("control", "cause"),
     [
-        ("spasm", "SPASM"),
-        ("wrong leg", "EFFORT_DEVIATION"),
         ("glitches", "OBSERVER_INVALID"),
-        ("unknown jitter", "OBSERVER_INVALID"),
         ("coarse encoder", "OBSERVER_INVALID"),
+        *(
+            pytest.param(*one, marks=pytest.mark.thorough)
+            for one in (
+                ("spasm", "SPASM"),
+                ("wrong leg", "EFFORT_DEVIATION"),
+                ("unknown jitter", "OBSERVER_INVALID"),
+            )
+        ),
     ],
 )
 def test_a_machine_that_must_stop_stops(control, cause):

@@ -17,7 +17,7 @@ from command_line import gaitd
 from documents import PAGES, PROJECT, commands
 from gaitd_names import Mode
 
-from gaitd_lab.testing.trainer import STANDSTILL, speeds_by_leg, virtual_trainer
+from gaitd_lab.testing.trainer import STANDSTILL, speeds_by_leg
 
 
 class Run(NamedTuple):
@@ -108,13 +108,21 @@ def test_every_command_is_run_or_has_a_reason():
 
 
 @pytest.fixture(scope="module")
-def session():
-    with virtual_trainer() as trainer:
-        folder = trainer.config.parent
-        shutil.copy(trainer.config, folder / "trainer.toml")
-        with lzma.open(PROJECT / "gaitd/sample.ring.xz") as sample:
-            (folder / "STOP.ring").write_bytes(sample.read())
-        yield trainer
+def files(long_service):
+    """The names that the documents use, in the folder of the service's configuration."""
+    folder = long_service.config.parent
+    shutil.copy(long_service.config, folder / "trainer.toml")
+    with lzma.open(PROJECT / "gaitd/sample.ring.xz") as sample:
+        (folder / "STOP.ring").write_bytes(sample.read())
+
+
+@pytest.fixture
+def session(long_service):
+    """Stands still again afterwards: what is in progress in these modes has no end of its own."""
+    long_service.bring(Mode.READY)
+    yield long_service
+    if long_service.mode in {Mode.HAND_GUIDING, Mode.EXCITE}:
+        long_service.request("disable")
 
 
 def wait_for_rest(session):
@@ -128,16 +136,15 @@ def wait_for_rest(session):
     session.until(rests)
 
 
+@pytest.mark.usefixtures("files")
 @pytest.mark.parametrize("text", [text for text in ALL if not row(ELSEWHERE, text)])
 def test_a_command_does_what_it_is_for(session, text, monkeypatch):
     how = row(RUN, text)
     monkeypatch.setenv("GAITD_CONFIG", "trainer.toml")
-    if how.begins_in is not None and session.mode in (Mode.HAND_GUIDING, Mode.EXCITE):
-        session.request("disable")  # what is in progress there has no end of its own
+    if how.begins_in in {Mode.HOLD, Mode.FAULT}:
+        session.bring(Mode.HOLD)
     if how.begins_in is Mode.FAULT:
-        session.bring(Mode.HOLD).stop()
-    elif how.begins_in is not None:
-        session.bring(how.begins_in)
+        session.stop()
     if how.begins_in is Mode.READY:
         wait_for_rest(session)
     words = re.sub(r"FILE|/etc/gaitd/trainer.toml|configs/demo.toml", "trainer.toml", text).split()

@@ -20,7 +20,7 @@ from gaitd_lab.processes import memory_folder
 PERIOD_S = 0.01
 BURST_MAX = 9
 """Frames at once; 500 in a second on average."""
-TALK_S = 4.0
+TALK_S = 2.0
 TIMEOUT_S = 300.0
 REFUSED = 3
 ENABLE_BIT = 0x08

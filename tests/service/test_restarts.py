@@ -166,33 +166,6 @@ def test_a_second_core_with_directories_of_its_own_finds_the_other_master_and_se
     )
 
 
-def test_what_a_kill_leaves_behind_does_not_keep_the_next_ones_from_starting(
-    long_service, fault_table
-):
-    service = long_service.bring(Mode.READY)
-    run = service.folder / "run"
-    service.kill("gateway")
-    service.kill("core")
-    left = {path.name for path in run.iterdir()}
-    (run / "records.new").write_bytes(b"half a ring")
-    killed = service.boot_id()
-
-    service.bring(Mode.READY)
-
-    assert {"core.sock", "gateway.sock", "records.ring", "core.lock", "gateway.lock"} <= left
-    assert service.boot_id() != killed
-    assert not (run / "records.new").exists()
-    fault_table.add(
-        "core and gateway SIGKILL in ready",
-        "ready",
-        "no drive has power",
-        "left-over sockets, locks and rings are taken over by the next ones",
-        None,
-        "none",
-        "ready",
-    )
-
-
 def test_a_ring_that_is_none_is_replaced_by_the_core_and_waited_out_by_the_gateway(long_service):
     service = long_service.bring(Mode.READY)
     run = service.folder / "run"

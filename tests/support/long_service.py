@@ -22,7 +22,12 @@ ALTERED_CORE = (str(Path(__file__).with_name("altered_core.py")),)
 WAITING_GATEWAY = (str(Path(__file__).with_name("waiting_gateway.py")),)
 FAST = (0.5, 0.4)
 """rad/s and m/s: a fault finds the leg in motion."""
-QUICKER = {"gait.announce_s": 0.5, "gait.ramp_strides": 1}
+QUICKER = {
+    "gait.announce_s": 0.5,
+    "gait.ramp_strides": 1,
+    "gait.hip.approach_rad_per_s": 0.4,
+    "gait.slide.approach_m_per_s": 0.3,
+}
 
 
 class LongService(VirtualTrainer):

@@ -34,13 +34,14 @@ Time is an argument, seconds of any monotonic clock. The service enforces the pl
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 from enum import Enum, StrEnum, auto
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
 from gaitd_client import Cause, Mode, RefusalCode, Stage
 from gaitd_client.wire import Refusal
+from msgspec import Struct
+from msgspec.structs import replace
 
 from gaitd_session.advice import Failure, Why, refusal_of
 from gaitd_session.goals import STRIDES_MIN, band_about, next_middle
@@ -282,8 +283,7 @@ class Inputs(NamedTuple):
     strides: Sequence[StrideShare] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class LegGoal:
+class LegGoal(Struct, frozen=True):
     """The target of one leg, and its strides of the present block."""
 
     leg: str
@@ -306,8 +306,7 @@ class LegGoal:
         return [one.share_ratio for one in self.strides if one.share_ratio is not None]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class State:
+class State(Struct, frozen=True, kw_only=True):
     """State of a session; `begin` makes the first one."""
 
     blocks: tuple[Block, ...]

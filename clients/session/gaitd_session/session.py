@@ -8,7 +8,6 @@ second. None of them is waited for by `press` and `view`.
 import threading
 from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from dataclasses import replace
 from types import TracebackType
 from typing import Final, Self
 
@@ -26,6 +25,7 @@ from gaitd_client import (
     Trainer,
 )
 from gaitd_texts import Reader, catalogue
+from msgspec.structs import replace
 
 from gaitd_session.advice import Failure, Why, refusal_of
 from gaitd_session.goals import valid_share

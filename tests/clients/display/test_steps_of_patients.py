@@ -38,7 +38,7 @@ def walked(gym, model):
     [
         (0.0, Word.MORE),
         pytest.param(0.5, Word.GOOD, marks=pytest.mark.thorough),
-        (1.4, Word.GENTLY),
+        pytest.param(1.4, Word.GENTLY, marks=pytest.mark.thorough),
         (-0.5, Word.RELAX),
     ],
 )

@@ -1,7 +1,6 @@
 """The state machine over all states and inputs, and its rules one by one."""
 
 import itertools
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -36,6 +35,7 @@ from gaitd_session.plan import BlockKind
 from gaitd_session.profile import parse_profile
 from gaitd_session.steps import Result, StrideShare
 from gaitd_session.view import ADVICE_ON_UNTESTED, view_of
+from msgspec.structs import replace
 from training import PASSIVE, PROFILE, profile
 
 ENABLED = {Mode.HOLD, Mode.GAIT, Mode.SELF_TEST, Mode.TORQUE, Mode.HAND_GUIDING}

@@ -63,7 +63,7 @@ PROGRAMMES = (
 )
 HANDS = ("plant.toml", BEFORE, PROGRAMMES)
 """What the operator's hands do to a leg without power."""
-GAIT = Gait(0.25, 1.0)
+GAIT = Gait(0.5, 1.0)
 MILLISECOND = 1_000_000
 BEGUN = "2026-01-01T00:00:00+00:00"
 SECONDS_OF_HANDS = 1.5
@@ -326,7 +326,9 @@ def test_another_firmware_than_that_of_the_file_is_found_although_bring_up_refus
     assert missing[Section.SELF_TEST, FindingCode.LOAD].reason == ended
 
 
-@pytest.mark.parametrize("fault", ["wrong_sign", "encoder_reversed"])
+@pytest.mark.parametrize(
+    "fault", ["wrong_sign", pytest.param("encoder_reversed", marks=pytest.mark.thorough)]
+)
 def test_a_motor_or_an_encoder_the_wrong_way_round_is_found(configs, fault):
     done = accepted(configs, begin=lambda session: session.command(f"{fault} {SLIDE}"))
 

@@ -96,13 +96,11 @@ def test_left_out():
 
 @pytest.fixture(scope="module")
 def failed(tmp_path_factory):
-    """A run of tests that fail in every way and of one of the guide: its folder, its output."""
+    """A run of tests that fail in every way: its folder, its output."""
     folder = tmp_path_factory.mktemp("failed")
     (folder / "test_failing.py").write_text(FAILING)
-    (folder / "test_display.py").write_text(EXAMPLES["test_display.py"])
-    chosen = ("-k", "not silent and not another_name")
     ran = subprocess.run(
-        [sys.executable, "-m", "pytest", *SHORT, "--gaitd-rigs=none", *chosen],
+        [sys.executable, "-m", "pytest", *SHORT, "--gaitd-rigs=none"],
         cwd=folder,
         env=ENVIRONMENT,
         capture_output=True,
@@ -111,11 +109,6 @@ def failed(tmp_path_factory):
         check=False,
     )
     return folder, ran.stdout
-
-
-@pytest.mark.timeout(600)
-def test_the_first_example_of_the_guide_runs_as_it_is_printed(failed):
-    assert "test_display.py ." in failed[1]
 
 
 @pytest.mark.timeout(600)
