@@ -146,13 +146,19 @@ def _played(
     plan: "DrivePlan", limits: BenchLimits, settings: "Settings", options: Options
 ) -> tuple[Verification, Recorder]:
     from daemon.config.drive_plan import cycle_settings
+    from daemon.core.runtime import realtime
+    from daemon.core.runtime.texts import event_text
 
-    cycle = cycle_settings(settings.trainer.cycle)
+    asked = settings.trainer.cycle
+    cycle = cycle_settings(asked)
     with interrupted_once(), opened(bus_of(settings.file), is_master=True) as (bus, clock):
+        if not clock.is_simulated:  # a cycle that is late ends the verification
+            for refused in realtime.prepare(asked.realtime_priority, asked.realtime_cpus):
+                print(event_text(refused), file=sys.stderr)
         recorder = Recorder(clock)
         observed = SniffedBus(bus, clock, recorder)
         run_with_progress(listen(observed, clock, LISTEN_NS))
-        parameters.check_bus(recorder, settings.trainer.cycle.master_node_id)
+        parameters.check_bus(recorder, asked.master_node_id)
         port = Configurator(observed, clock, sync=SyncProducer(cycle.sync_counter))
         steps = verify(plan, limits, cycle, options, bus=observed, clock=clock, port=port)
         with closing(steps):  # takes the power off before the bus is closed

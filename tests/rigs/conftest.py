@@ -42,7 +42,11 @@ export NUMBA_CPU_NAME=generic NUMBA_CACHE_DIR=$PWD/numba PYTHONPATH={support}
 python {support}/rig_service.py $PWD {scenarios}
 """
 ON_VCAN = ("service_on_vcan", "bench_on_vcan")
-ON_CONTROLLERS = ("service_on_two_controllers", "service_on_usb_adapters")
+ON_CONTROLLERS = (
+    "service_on_two_controllers",
+    "verified_on_two_controllers",
+    "service_on_usb_adapters",
+)
 CONTROLLERS = " -object can-bus,id=c0 -device kvaser_pci,canbus=c0 -device kvaser_pci,canbus=c0"
 """Two SJA1000 of QEMU on one bus: can0 and can1."""
 EXCHANGE = """

@@ -9,8 +9,11 @@ import pytest
 from gaitd_names import Cause, Mode
 
 from drives.canopen.bus_state import BusCondition
+from drives.verification.evidence import read
+from drives.verification.facts import Judgement
 
 MISSED_MAX_RATIO = 0.05
+PASSED = 22
 pytestmark = [pytest.mark.rig_vcan, pytest.mark.timeout(3000)]
 
 
@@ -42,6 +45,14 @@ def test_drives_whose_controller_is_down_are_lost_and_a_reset_finds_them_again(c
     info = controllers_world.facts["controller_alone"]["linkinfo"]["info_data"]
     assert info["state"] == "ERROR-ACTIVE"
     assert records[-1].bus.no_ack_count == 0
+
+
+def test_a_drive_is_verified_through_both_controllers(controllers_world):
+    found, _ = read(controllers_world.folder / "hip.zip")
+
+    assert controllers_world.facts["verify_exit"] == 0, controllers_world.text("verify.log")
+    assert not [fact for fact in found.facts if fact.judgement is Judgement.FAILED]
+    assert sum(fact.judgement is Judgement.PASSED for fact in found.facts) == PASSED
 
 
 def test_our_own_controller_may_be_set_down_and_up(controllers_world):

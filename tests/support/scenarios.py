@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from bench_motor import bench
-from config_files import CONFIGS, Change
+from config_files import CONFIGS, Change, changed, copied
 from gaitd_names import Mode
-from rig_service import TEMPLATE, Inside, Report
+from rig_service import TEMPLATE, WINDOW_MS, Forked, Inside, Report
 from usb_adapters import Wire
 
 from daemon.ipc.record import CycleRecord
@@ -292,6 +292,37 @@ def service_on_two_controllers(report: Report) -> None:
         _own_controller_down(report, service)
         service.kill("core", signal.SIGTERM)
         report["controllers_exit"] = service.parts["core"].wait()
+
+
+def verified_on_two_controllers(report: Report) -> None:
+    """`gaitd drive verify` of a virtual drive without a load, through both controllers."""
+    changes = (
+        Change("vcan.toml", '"robot.toml"', '"robot_bench.toml"'),
+        Change("vcan.toml", '"limits.toml"', '"limits_bench.toml"'),
+        Change("vcan.toml", '"plant.toml"', '"plant_bench.toml"'),
+        Change("vcan.toml", "window_ms = 4.0", f"window_ms = {WINDOW_MS}"),
+    )
+    configs = copied(MEMORY / "verified")
+    changed(configs, *changes)
+    trainer = configs / "vcan.toml"
+    drives = configs / "drives.toml"
+    text = trainer.read_text()
+    trainer.write_text(text.replace('"vcan0"', '"can0"'))
+    drives.write_text(text.replace('"vcan0"', '"can1"\nvirtual_drives = true'))
+    said = configs / "sim.log"
+    said.touch()
+    sim = Forked(["sim", "--config", str(drives)], said)
+    while "virtual drives" not in sim.output():
+        sim.check()
+        time.sleep(STEP_PAUSE_S)
+    evidence, log = configs / "hip.zip", configs / "verify.log"
+    files = ("--output", str(evidence), "--key", str(configs / "key.pem"))
+    words = ["drive", "verify", "right/hip", "--config", str(trainer), *files]
+    report["verify_exit"] = Forked([*words, "--inertia", "0.35", "--yes"], log).wait()
+    sim.end()
+    for file in (evidence, log):
+        if file.exists():
+            (report.folder / file.name).write_bytes(file.read_bytes())
 
 
 def _between_controllers(report: Report, service: Inside) -> None:
