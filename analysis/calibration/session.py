@@ -77,7 +77,7 @@ class Calibration:
     """Result of a calibration."""
 
     motion: Motion
-    """Of the joints."""
+    """Motion of the joints, without windup."""
     given_check: Check
     """Check of the mechanism with the values of the file."""
     check: Check
@@ -121,7 +121,7 @@ class Calibration:
 
     @property
     def results(self) -> tuple[Result, ...]:
-        """Of all quantities."""
+        """Results of all quantities."""
         return (*self.fit.results, *self.transmission)
 
     def values(self, source: str) -> Mapping[str, tuple[Value, str]]:

@@ -56,17 +56,17 @@ DIFFERENCE_RATIO: Final = 1e-3
 """Step of a derivative, over the compliance of WINDUP_MIN."""
 ROUNDS: Final = 8
 CONVERGED_RATIO: Final = 0.05
-"""Of the compliance, far inside its interval."""
+"""Last step over the compliance: far inside its interval."""
 HARDLY_MOVED: Final = "the axis hardly moved"
 OF_BRISTLES: Final = "the file's bristles give way like it"
 STIFFER: Final = "the recording shows a stiffer one; the file's only widens sigma"
 
 
 class Compliances(NamedTuple):
-    """Of both transmissions: rad/(N m) and m/N; 0: rigid."""
+    """How far both transmissions give way; 0: rigid."""
 
-    hip: float
-    slide: float
+    hip_rad_per_nm: float
+    slide_m_per_n: float
 
 
 RIGID: Final = Compliances(0.0, 0.0)

@@ -94,7 +94,7 @@ def file_off() -> Robot:
 
 
 def silent(_words: str, _share: float) -> None:
-    """Progress that nobody follows."""
+    """Progress that is not shown."""
 
 
 @pytest.fixture(scope="module")
