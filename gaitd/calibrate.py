@@ -165,7 +165,7 @@ def _calibrate(
                     "half_interval": one.half_interval,
                     "not_identified": one.reason,
                 }
-                for one in made.fit.results
+                for one in made.results
                 if one.exists
             ],
             "held_out": made.held_out,

@@ -342,12 +342,18 @@ def fit(
 
 def without(made: Fit, motion: Motion, progress: Progress, index: int) -> Vector:
     """Natural values with one of them set back to the file's, and the others fitted once more."""
-    frame = made.frame
-    likelihood = Likelihood(frame, motion, ~motion.held_out, FINE_SUBSTEPS)
-    free = _back(frame, frame.free(made.natural), [index])
-    which = np.array([i for i in range(SIZE) if i not in made.fixed | {index}], dtype=np.intp)
+    free = _back(made.frame, made.frame.free(made.natural), [index])
+    fine = Likelihood(made.frame, motion, ~motion.held_out, FINE_SUBSTEPS)
+    return made.frame.from_free(fitted_on(made, fine, progress, free, {index}))
+
+
+def fitted_on(
+    made: Fit, likelihood: Likelihood, progress: Progress, free: Vector, kept: Iterable[int] = ()
+) -> Vector:
+    """Free values of the nearest optimum; what was not fitted before is not now."""
+    which = np.array([i for i in range(SIZE) if i not in made.fixed.union(kept)], dtype=np.intp)
     search = _Search(likelihood, free, free.copy(), which, progress, ())
-    return frame.from_free(_walk(search, free[which], STEPS_MAX).free)
+    return _walk(search, free[which], STEPS_MAX).free
 
 
 def _with_law_of(frame: Frame, natural: Vector) -> Vector:

@@ -39,7 +39,7 @@ def write_page(calibration: Calibration, robot_name: str, folder: Path) -> Path:
 def tables(calibration: Calibration) -> tuple[Table, Table]:
     """The quantities, and the scores on held-out data, before and after."""
     head = ("quantity", "unit", "before", "calibrated", "95 %")
-    rows = tuple(_row(one) for one in calibration.fit.results if one.exists)
+    rows = tuple(_row(one) for one in calibration.results if one.exists)
     other = "eq. (11) fitted" if calibration.bristled else "bristles fitted"
     shown = {"before": calibration.before, other: calibration.other_law}
     shown = {title: score for title, score in shown.items() if score} | {"after": calibration.after}

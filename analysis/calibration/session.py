@@ -18,6 +18,7 @@ from analysis.calibration.fit import (
     FOLLOWS,
     Fit,
     Progress,
+    Result,
     fit,
     without,
 )
@@ -38,6 +39,14 @@ from analysis.calibration.quantities import (
     natural_values,
 )
 from analysis.calibration.start import extent
+from analysis.calibration.transmission import (
+    RIGID,
+    Compliances,
+    of_joints,
+    results_of,
+    softness,
+    stated,
+)
 from analysis.calibration.uncertainty import uncertainties
 from analysis.calibration.verdict import (
     Disturbance,
@@ -68,11 +77,14 @@ class Calibration:
     """Result of a calibration."""
 
     motion: Motion
+    """Motion of the joints, without windup."""
     given_check: Check
     """Check of the mechanism with the values of the file."""
     check: Check
     """The same with the fitted values; it decides."""
     fit: Fit
+    transmission: tuple[Result, ...]
+    """Stiffness of both transmissions."""
     robot: Robot
     seen_before: Disturbance
     seen_after: Disturbance
@@ -107,14 +119,19 @@ class Calibration:
         """Reasons why nothing may be written; empty if it may be."""
         return "; ".join(reason for _, reason in self.missed)
 
+    @property
+    def results(self) -> tuple[Result, ...]:
+        """Results of all quantities."""
+        return (*self.fit.results, *self.transmission)
+
     def values(self, source: str) -> Mapping[str, tuple[Value, str]]:
         """Values to write, by dotted key, each with its provenance."""
         made: dict[str, tuple[Value, str]] = {
             key: (value, "bristles need it") for key, value in self.tuning.items()
         }
-        for index, one in enumerate(self.fit.results):
+        for index, one in enumerate(self.results):
             if one.calibrated:
-                made[KEYS[index]] = (
+                made[one.quantity.key] = (
                     one.value,
                     f"calibrated from {source}, 95 % ± {one.half_interval:.2g}",
                 )
@@ -172,8 +189,8 @@ def calibrate(
     """Fit, check the mechanism, and compare with the old file on held-out data.
 
     Bristles are fitted, too, on the axes that move and have none, and replace eq. (11) if they
-    describe the held-out data better. So does a slope of friction over position, or an offset of
-    effort, of each axis.
+    describe the held-out data better. So does a slope of friction over position, an offset of
+    effort, or a softer transmission, of each axis.
 
     Args:
         sources: recordings of the empty machine.
@@ -193,32 +210,42 @@ def calibrate(
     old = frame_of(robot, middle_of(motion))
     judged = motion if other is None else other
     rows = motion.held_out if other is None else np.ones(len(judged.time_s), dtype=np.bool_)
-    fitted = _fit(robot, robot, motion, progress)
-    if kept := _as_good_without(fitted, motion, progress, judged, rows):
+    given_way = stated(robot)
+    fitted, way, transmission = _behind_transmissions(robot, motion, progress, judged, rows)
+    joints, judged_joints = (of_joints(one, robot, way) for one in (motion, judged))
+    if kept := _as_good_without(fitted, joints, progress, judged_joints, rows):
         rival = fitted.rival
-        fitted = replace(_fit(robot, robot, motion, progress, fitted, kept), rival=rival)
+        fitted = replace(_fit(robot, robot, joints, progress, fitted, kept), rival=rival)
+    old_natural = like_fitted(old, fitted.natural, of_joints(motion, robot, given_way))
     laws = [
-        _Law(robot, old, like_fitted(old, fitted.natural, motion)),
-        _Law(with_values(robot, fitted), fitted.frame, fitted.natural),
+        _Law(robot, old, old_natural, of_joints(judged, robot, given_way)),
+        _Law(
+            with_values(robot, (*fitted.results, *transmission)),
+            fitted.frame,
+            fitted.natural,
+            judged_joints,
+        ),
     ]
     made, tuning, why_eq_11 = fitted, dict[str, Value](), ""
     moved = [axis for axis in range(2) if extent(motion, axis).enough(axis)]
     given = [axis for axis in moved if not old.bristled(axis)]
     if given:
         start, tuning = with_bristles(robot, given)
-        made = _fit(start, robot, motion, progress, fitted, kept)
+        made = _fit(start, robot, joints, progress, fitted, kept)
         try:
-            laws.append(_Law(with_values(start, made), made.frame, made.natural))
+            bristly = with_values(start, (*made.results, *transmission))
+            laws.append(_Law(bristly, made.frame, made.natural, judged_joints))
             why_eq_11 = _too_steep(laws[-1].robot)
         except RecordingError as error:
             why_eq_11 = str(error)
-    seen = judged_seen = [one.disturbance(motion) for one in laws]
-    if other is not None:
-        judged_seen = [one.disturbance(other) for one in laws]
+    # What windup explains is no other effect. It is a false effort of the observer, though.
+    seen = judged_seen = [one.disturbance(joints) for one in laws]
+    if judged is not joints:
+        judged_seen = [one.disturbance(judged) for one in laws]
     seen, contact = _quiet(seen, fitted.natural)
     judged_seen, _ = _quiet(judged_seen, fitted.natural)
     scores = [
-        score(one.frame, one.natural, judged, rows, seen_by)
+        score(one.frame, one.natural, one.judged, rows, seen_by)
         for one, seen_by in zip(laws, judged_seen, strict=True)
     ]
     if given:
@@ -233,7 +260,7 @@ def calibrate(
     new, before, after = laws[used].robot, scores[0], scores[used]
     if steep := _too_steep(new):
         raise RecordingError(steep)
-    checked = judge(robot, new, motion)
+    checked = judge(robot, new, joints)
     needless = why_needless(before, after)
     found: dict[MissedLimit, str] = {
         "mechanism": "" if checked.well else f"{checked}; correct that in the robot file",
@@ -248,10 +275,11 @@ def calibrate(
         noise |= law_uncertainty(with_process_noise(new, noise), motion)
         new = with_process_noise(new, noise)
         widened = laws[used]._replace(robot=new).disturbance(judged)
-        after = score(made.frame, made.natural, judged, rows, widened)
+        after = score(made.frame, made.natural, judged_joints, rows, widened)
     words = "every fourth two seconds" if other is None else ", ".join(other.sources)
     return Calibration(
-        *(motion, check(robot, motion), checked, made, new),
+        *(joints, check(robot, of_joints(motion, robot, given_way)), checked),
+        *(made, transmission, new),
         *(seen[0], seen[used], before, after, words),
         tuple(slower_than_gait(judged, rows)),
         tuple((limit, reason) for limit, reason in found.items() if reason),
@@ -272,6 +300,8 @@ class _Law(NamedTuple):
     robot: Robot
     frame: Frame
     natural: NDArray[np.float64]
+    judged: Motion
+    """Motion of the joints that it is compared on."""
 
     def disturbance(self, motion: Motion) -> Disturbance:
         return disturbance(self.robot, motion)
@@ -290,6 +320,31 @@ def _fit(
     before = natural_values(given).tolist()
     pairs = zip(made.results, before[:COUNT], strict=True)
     return replace(made, results=tuple(replace(one, before=value) for one, value in pairs))
+
+
+def _behind_transmissions(
+    robot: Robot, motion: Motion, progress: Progress, judged: Motion, rows: Flags
+) -> tuple[Fit, Compliances, tuple[Result, ...]]:
+    """Fit the motion of the joints, which are rigid unless the recording shows windup.
+
+    What was found counts if it describes the held-out rows better.
+    """
+
+    def fitted_behind(way: Compliances) -> tuple[Fit, float]:
+        made = _fit(robot, robot, of_joints(motion, robot, way), progress)
+        held_out = of_joints(judged, robot, way)
+        likelihood = Likelihood(made.frame, held_out, rows, FINE_SUBSTEPS)
+        return made, likelihood.surprises(made.frame.free(made.natural)).loss
+
+    first, loss = fitted_behind(RIGID)
+    found = softness(first, motion, robot, progress)
+    if not found:
+        return first, RIGID, results_of(robot, first, found, as_good=False)
+    way = RIGID._replace(**{RIGID._fields[axis]: c for axis, (c, _) in found.items()})
+    second, with_it = fitted_behind(way)
+    as_good = loss <= with_it
+    shown = results_of(robot, first, found, as_good=as_good)
+    return (first, RIGID, shown) if as_good else (second, way, shown)
 
 
 def _as_good_without(
@@ -329,10 +384,10 @@ def middle_of(motion: Motion) -> tuple[float, float]:
     return hip, slide
 
 
-def with_values(robot: Robot, made: Fit) -> Robot:
+def with_values(robot: Robot, results: Sequence[Result]) -> Robot:
     """The robot with the fitted values."""
     table = msgspec.to_builtins(robot)
-    for one in made.results:
+    for one in results:
         *path, name = one.quantity.key.split(".")
         part = table
         for step in path:

@@ -29,6 +29,7 @@ from daemon.preflight.drives import DRIVE_CHECKS
 from daemon.preflight.motion import (
     MOTION_CHECKS,
     every_limit_can_be_reached,
+    friction_range,
     scenarios_have_the_effort,
     scenarios_stay_inside,
     the_gait_fits,
@@ -80,7 +81,6 @@ class _Axis(NamedTuple):
     velocity_unit: str
     effort_key: str
     static_load_key: str
-    stribeck_key: str
     kind: str
 
 
@@ -91,12 +91,9 @@ _AXES: Final = (
         "rad_per_s",
         "torque_max_nm",
         "static_load_tolerance_nm",
-        "stribeck_nm",
         "rotary",
     ),
-    _Axis(
-        "slide", "m", "m_per_s", "force_max_n", "static_load_tolerance_n", "stribeck_n", "linear"
-    ),
+    _Axis("slide", "m", "m_per_s", "force_max_n", "static_load_tolerance_n", "linear"),
 )
 
 
@@ -352,10 +349,10 @@ def _friction_laws_are_laws(settings: Settings) -> Errors:
 
 
 def _static_loads_exceed_friction(settings: Settings) -> Errors:
-    tables = settings.robot.friction.hip, settings.robot.friction.slide
-    for (axis, table), friction in zip(_limit_tables(settings), tables, strict=True):
+    _, greatest = friction_range(settings)
+    for (axis, table), friction in zip(_limit_tables(settings), greatest, strict=True):
         tolerance = _number(table, axis.static_load_key)
-        stribeck = _number(friction, axis.stribeck_key)
+        stribeck = friction.stribeck
         if tolerance <= stribeck:
             key = f"{axis.name}.{axis.static_load_key}"
             allowed = f"> {stribeck:g}, which friction alone can hide at rest"
@@ -391,6 +388,7 @@ _SWEEPS_RELY_ON: Final = (
     _axes_fit_their_joint,
     _categories_are_complete_and_allowed,
     every_limit_can_be_reached,
+    friction_range,
     gears_fit_their_joint,
     _ranges_are_ranges,
     _friction_laws_are_laws,

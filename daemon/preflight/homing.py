@@ -9,11 +9,12 @@ from gaitd_toml import ConfigError, Errors
 
 from daemon.config.bundle import LegDrives, Settings
 from daemon.config.drive_plan import effort_per_motor_nm
-from daemon.config.robot import friction_parameters, leg_parameters
+from daemon.config.robot import friction_over_position, friction_parameters, leg_parameters
 from daemon.core.motion.gait_shape import load_at
 from daemon.preflight.motion import mean_pose
 from drives.cia402.homing import Homing
 from drives.cia402.profile import DriveDescription
+from observer.mechanism.friction import at_position
 from observer.mechanism.mechanism import WorkspaceError
 from observer.mechanism.parameters import LegParameters
 
@@ -41,7 +42,8 @@ def _check_axis(settings: Settings, leg: LegParameters, drives: LegDrives, axis:
         allowed = f"a position that the leg reaches with its other axis at mid pose: {error}"
         yield ConfigError(file, "homing.home_si", homing.home_si, allowed)
         return
-    least_si = load_si + friction_parameters(settings.robot)[axis].stribeck
+    law, over = friction_parameters(settings.robot)[axis], friction_over_position(settings.robot)
+    least_si = load_si + at_position(law, over[axis], homing.home_si).stribeck
     for key, value, effort_si in _efforts(homing, drive):
         if effort_si <= least_si:
             allowed = f"more: at home load and friction need {least_si:.1f} of {effort_si:.1f}"

@@ -13,9 +13,9 @@ from empty_runs import (
 
 from analysis.calibration.advice import advice, slower_than_gait
 from analysis.calibration.bristles import with_bristles
-from analysis.calibration.fit import AS_GIVEN, OF_SPRING
+from analysis.calibration.fit import AS_GIVEN, AS_GOOD_WITHOUT, OF_SPRING, Fit, fitted_on
 from analysis.calibration.likelihood import Likelihood, scores
-from analysis.calibration.motion import prepare
+from analysis.calibration.motion import Motion, prepare
 from analysis.calibration.process_noise import (
     law_uncertainty,
     process_noise,
@@ -23,6 +23,7 @@ from analysis.calibration.process_noise import (
 )
 from analysis.calibration.quantities import (
     BRISTLES,
+    CANDIDATES,
     LAW_SIZE,
     NOISE,
     OFFSETS,
@@ -34,6 +35,14 @@ from analysis.calibration.quantities import (
     frame_of,
 )
 from analysis.calibration.session import Calibration, calibrate, middle_of
+from analysis.calibration.transmission import (
+    STIFFER,
+    STIFFNESSES,
+    Compliances,
+    of_joints,
+    results_of,
+    softness,
+)
 from analysis.calibration.verdict import disturbance, like_fitted, other_effect
 from analysis.recording import Recording, RecordingError, recording
 from analysis.replay import Source, filter_setup
@@ -82,6 +91,10 @@ def file_off() -> Robot:
         ),
     )
     return msgspec.structs.replace(robot, friction=off)
+
+
+def silent(_words: str, _share: float) -> None:
+    """Progress that is not shown."""
 
 
 @pytest.fixture(scope="module")
@@ -341,6 +354,57 @@ def test_an_offset_beside_a_spring_is_in_the_spring_s_rest(shipped):
 
     assert offset.reason == OF_SPRING
     assert (offset.value, rest.value) == (0.0, pytest.approx(shifted_rad, abs=rest.half_interval))
+
+
+def test_a_rigid_machine_keeps_the_transmissions_of_its_file(shipped):
+    _, made = shipped
+
+    assert [one.reason for one in made.transmission] == [AS_GIVEN, AS_GIVEN]
+    assert made.robot.transmission == file_off().transmission
+    assert not [key for key in made.values("x") if "transmission" in key]
+
+
+def test_a_soft_transmission_is_found_by_its_windup():
+    """The joints move as rigid axes do, and the shaft of the slide is ahead of its joint."""
+    robot, compliance = robot_file(), 1.0 / 4e4
+    joints = prepare([empty_run(shipped_friction(), duration_s=DURATION_S).recording])
+    shafts = of_joints(joints, robot, Compliances(0.0, -compliance))
+    frame = frame_of(robot, middle_of(joints))
+    bristles = [axis * LAW_SIZE + at for axis in (0, 1) for at in range(LAW_SIZE)[BRISTLES]]
+    start = Fit(frame, frame.natural, (), 0.0, 0, frozenset((*CANDIDATES, *bristles)), "")
+
+    def fitted(motion: Motion) -> Fit:
+        likelihood = Likelihood(frame, motion, ~motion.held_out)
+        free = fitted_on(start, likelihood, silent, frame.free(frame.natural))
+        return replace(start, natural=frame.from_free(free))
+
+    assert softness(fitted(joints), joints, robot, silent) == {}
+    found = softness(fitted(shafts), shafts, robot, silent)
+
+    assert list(found) == [1]
+    assert found[1][0] == pytest.approx(compliance, rel=0.1)
+    assert found[1][1] >= 0.3 * found[1][0]
+
+
+@pytest.mark.parametrize(
+    ("given", "found", "as_good", "value", "reason"),
+    [
+        (5e4, (1 / 900.0, 3e-4), False, 900.0, ""),
+        (5e4, (1 / 900.0, 3e-4), True, 5e4, AS_GOOD_WITHOUT),
+        (800.0, (1 / 900.0, 3e-4), False, 800.0, AS_GIVEN),
+        (800.0, None, False, 800.0, STIFFER),
+        (5e4, None, False, 5e4, AS_GIVEN),
+    ],
+)
+def test_a_stiffness_that_the_recording_does_not_contradict_stays(
+    shipped, given, found, as_good, value, reason
+):
+    _, made = shipped
+    robot = replaced(made.robot, {STIFFNESSES[0].key: given})
+
+    hip, _ = results_of(robot, made.fit, {0: found} if found else {}, as_good=as_good)
+
+    assert (hip.before, hip.value, hip.reason) == (given, pytest.approx(value), reason)
 
 
 def test_encoder_noise_is_that_of_quantum_and_noise_together(shipped):

@@ -570,6 +570,18 @@ TOGETHER = [
         "70",
         "> 75, which friction alone can hide at rest",
     ),
+    told_of(
+        "limits.toml",
+        broken(
+            "a load check that friction alone fails at the end of the slide",
+            "robot.toml",
+            "slide.slope_per_m = 0.0",
+            "slide.slope_per_m = 1.5",
+            "slide.static_load_tolerance_n",
+            "110",
+            "> 111.9, which friction alone can hide at rest",
+        ),
+    ),
     broken(
         "too few substeps for steep friction",
         "robot.toml",

@@ -58,6 +58,21 @@ def test_all_three_kinds_of_stop_stay_inside_the_workspace(report):
     assert min(sweep.least_singularity_ratio for sweep in report.sweeps) > 0.6
 
 
+def test_a_leg_without_its_drives_has_the_least_friction_along_its_axes(report, tmp_path):
+    rising = (
+        Change("robot.toml", "hip.slope_per_rad = 0.0", "hip.slope_per_rad = 0.5"),
+        Change("robot.toml", "slide.slope_per_m = 0.0", "slide.slope_per_m = 0.4"),
+    )
+
+    found = examine(load(changed(copied(tmp_path), *rising)))
+
+    assert found.drift.hip_moved_deg > 1.05 * report.drift.hip_moved_deg
+    hip_coasts = found.sweeps[1]
+    assert hip_coasts.least_singularity_ratio < report.sweeps[1].least_singularity_ratio - 0.005
+    for before, after in zip(report.runaways, found.runaways, strict=True):
+        assert after.distance_si > before.distance_si
+
+
 def test_the_empty_machine_passes_with_its_springs_turned_down(tmp_path):
     settings = load(changed(copied(tmp_path), EMPTY_WITH_A_PATIENTS_SPRINGS[0]))
 

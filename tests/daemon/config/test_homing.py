@@ -42,6 +42,16 @@ def test_a_torque_limit_below_load_and_friction_at_home_is_refused(tmp_path):
     assert "load and friction need 46.0" in error.allowed
 
 
+def test_friction_that_rises_towards_home_needs_more_torque_there(tmp_path):
+    rising = Change("robot_empty.toml", "hip.slope_per_rad = 0.0", "hip.slope_per_rad = -0.5")
+    enough = Change(HIP, "effort_max_si = 50.0", "effort_max_si = 47.0")
+
+    error = refused_by_check(tmp_path, EMPTY, rising, enough)
+
+    assert error.key == "homing.effort_max_si"
+    assert "load and friction need 48.2" in error.allowed
+
+
 def test_a_stop_current_that_the_springs_alone_need_would_make_a_home_that_is_not_there(tmp_path):
     felt = Change(HIP, "method = 17 ", "stop_current_a = 4.5\nmethod = -4 ")
 
