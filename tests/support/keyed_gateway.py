@@ -167,7 +167,9 @@ def target_of(bundle):
 @contextlib.contextmanager
 def connected(target, timeout_ms=10_000, **changes):
     config = zenoh.Config()
-    settings = {**client_settings(target), "connect/timeout_ms": timeout_ms, **changes}
+    # A router listens at Zenoh's own port otherwise, where one of another test may be.
+    listens = {"listen/endpoints": ["tcp/127.0.0.1:0"]} if changes.get("mode") == "router" else {}
+    settings = client_settings(target) | {"connect/timeout_ms": timeout_ms} | listens | changes
     for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))
     with contextlib.closing(zenoh.open(config)) as session:
