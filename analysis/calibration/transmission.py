@@ -134,6 +134,8 @@ def softness(
                 break
             compliance = better
             free = fitted_on(made, likelihood(compliance), progress, free)
+        else:
+            continue  # no optimum
         if compliance > least:
             found[axis] = compliance, max(half, MODEL_RATIO * compliance)
     return found

@@ -69,6 +69,7 @@ def follow_rate(m: LegMemory, axis: int, correction: float, dt_s: float) -> None
         m.patient_rate[axis] *= TURNED_SHARE
     working = min(m.patient_ratio[axis], 1.0)
     expected = EXPECTED_STEPS * m.noise[6 + axis, 6 + axis]
-    usual = expected / max(math.fabs(correction), expected)
+    size = math.fabs(correction)
+    usual = expected / size if size > expected else 1.0  # at rest both may be 0
     over_s = max(dt_s, STEP_S)  # two samples within a moment are no rate
     m.patient_rate[axis] += RATE_GAIN * (working * usual) ** 2 * correction / over_s

@@ -4,6 +4,7 @@ import copy
 import dataclasses
 import math
 
+import numba
 import numpy as np
 import pytest
 
@@ -17,6 +18,7 @@ from observer.filter.leg_memory import (
 )
 from observer.filter.leg_model import Integrator
 from observer.filter.leg_observer import LegObserver, TuningError, setup_of
+from observer.filter.patient_rate import follow_rate
 from observer.filter.status import Status, Validity
 from observer.mechanism.friction import static_friction_of
 from observer.offline import batch, smooth_batch
@@ -188,6 +190,22 @@ def test_a_patients_rate_is_nothing_without_samples_and_after_a_rejected_one(wor
 
     assert np.all(rate_of(unmeasured) == 0.0)
     assert np.all(rate_of(rejected) == 0.0)
+
+
+@numba.njit
+def followed(memory, axis, correction):
+    follow_rate(memory[0], axis, correction, 0.01)
+
+
+def test_a_correction_of_nothing_without_noise_leaves_no_rate():
+    """As at rest, where the patient has no noise."""
+    memory, _ = new_memory()
+    memory["patient_ratio"] = 1.0
+
+    followed(memory, 0, 0.0)
+    followed(memory, 1, 1.0)
+
+    assert memory[0]["patient_rate"].tolist() == [0.0, 0.0]
 
 
 def test_two_samples_within_a_moment_are_no_rate(working):
