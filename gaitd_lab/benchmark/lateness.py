@@ -81,7 +81,7 @@ def of(records: list[CycleRecord], bare_ns: Sequence[int], beside: str = "") -> 
     ]
     return [
         *made,
-        made[1]._replace(what=f"{what}, 99.9 %, alone", peer="", at_most=P999_MAX_US),
+        made[1]._replace(what=f"{what}, 99.9 %, budget", peer="", at_most=P999_MAX_US),
         Figure(
             what=f"SYNCs skipped{beside}",
             value=skipped,

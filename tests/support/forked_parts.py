@@ -11,12 +11,12 @@ import gc
 import os
 import signal
 import sys
-import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import pytest
+from as_program import exit_code_of
 
 from gaitd_lab import processes
 
@@ -33,16 +33,10 @@ _IS_WARM: list[bool] = []
 class ForkedPart(processes.ManagedProcess):
     """A process `gaitd core ...` or `gaitd sim ...`."""
 
-    def __init__(
-        self,
-        name: str,
-        words: Sequence[str],
-        log: Path,
-        environment: Mapping[str, str] | None = None,
-    ) -> None:
+    def __init__(self, name: str, words: Sequence[str], *more: Any, **others: Any) -> None:
         self._words = words[len(processes.GAITD) :]
         _warm_up()
-        super().__init__(name, words, log, environment)
+        super().__init__(name, words, *more, **others)
 
     def _execute_child(self, *given: Any) -> None:
         """As `subprocess.Popen` does it, with a fork of this process in place of a program."""
@@ -88,17 +82,7 @@ def _run(words: Sequence[str]) -> int:
     from gaitd.__main__ import main
 
     sys.argv = ["gaitd", *words]
-    try:
-        main()
-    except SystemExit as ended:
-        return ended.code if isinstance(ended.code, int) else int(ended.code is not None)
-    except BaseException:  # noqa: BLE001 - as an interpreter ends
-        traceback.print_exc()
-        return 1
-    finally:
-        sys.stdout.flush()
-        sys.stderr.flush()
-    return 0
+    return exit_code_of(main)
 
 
 def _warm_up() -> None:
@@ -119,15 +103,12 @@ def _warm_up() -> None:
 
 
 def start_part(
-    name: str,
-    words: Sequence[str],
-    log: Path,
-    environment: Mapping[str, str] | None = None,
+    name: str, words: Sequence[str], *more: Any, **others: Any
 ) -> processes.ManagedProcess:
     """Start a part; in place of `ManagedProcess`."""
     is_part = tuple(words[:2]) == processes.GAITD and words[2] in FORKED
     made = ForkedPart if is_part else EXECUTED
-    return made(name, words, log, environment)
+    return made(name, words, *more, **others)
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -27,6 +27,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+from as_program import exit_code_of
 from processes import Service
 
 from daemon.preflight.load import load
@@ -83,20 +84,14 @@ def _run(words: list[str], log: Path) -> int:
     for number, target in ((0, null), (1, end), (2, end)):
         os.dup2(target, number)
     sys.argv = ["gaitd", *words]
-    try:
+
+    def program() -> None:
         if words[0] == "bench_motor":
             os.nice(-10)  # one slow processor for all; a real drive has its own
             bench_motor.play(Path(words[-1]))
         main()
-    except SystemExit as ending:
-        return ending.code if isinstance(ending.code, int) else 1
-    except BaseException:  # noqa: BLE001 - a child must not return into its parent's code
-        traceback.print_exc()
-        return 1
-    finally:
-        sys.stdout.flush()
-        sys.stderr.flush()
-    return 0
+
+    return exit_code_of(program)
 
 
 class Inside(Service):
