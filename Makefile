@@ -91,7 +91,7 @@ lint: $(VENV)/dev.stamp
 	$(STEP) "lint" $(BIN)/ruff check .
 
 types: $(VENV)/dev.stamp
-	$(STEP) "types" $(BIN)/basedpyright
+	$(STEP) "types" $(BIN)/pyrefly check --summary=none
 
 imports: $(VENV)/dev.stamp
 	$(STEP) "import contracts" $(BIN)/lint-imports --no-cache

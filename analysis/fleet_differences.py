@@ -123,7 +123,7 @@ def differences(
             all_sums[axis.name].append(sums)
             made.append(_difference(name, result.name.split(".")[-5], axis, sums))
     for axis in AXES if made else ():
-        pooled = _Sums(*map(sum, zip(*all_sums[axis.name], strict=True)))
+        pooled = _Sums._make(map(sum, zip(*all_sums[axis.name], strict=True)))
         made.append(_difference(ALL, "", axis, pooled))
     return made, errors
 

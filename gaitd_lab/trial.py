@@ -64,7 +64,9 @@ def with_ripple(trial: Trial, ripple: Pair, seed: int) -> Trial:
         seed: seed of the noise.
     """
     noise = np.random.default_rng(seed).normal(size=trial.recording.effort.shape)
-    return _with(trial, effort=trial.recording.effort + noise * ripple)
+    return replace(
+        trial, recording=replace(trial.recording, effort=trial.recording.effort + noise * ripple)
+    )
 
 
 def with_late_efforts(trial: Trial, cycles: int) -> Trial:
@@ -75,7 +77,7 @@ def with_late_efforts(trial: Trial, cycles: int) -> Trial:
     later = np.vstack(
         (trial.recording.effort[cycles:], np.repeat(trial.recording.effort[-1:], cycles, 0))
     )
-    return _with(trial, effort=later)
+    return replace(trial, recording=replace(trial.recording, effort=later))
 
 
 def with_glitches(trial: Trial, interval_s: float, size: Pair, seed: int) -> Trial:
@@ -94,7 +96,7 @@ def with_glitches(trial: Trial, interval_s: float, size: Pair, seed: int) -> Tri
     hit = random.choice(rows, size=min(count, len(rows)), replace=False)
     height = np.exp(random.uniform(*np.log(size), size=len(hit))) * random.choice((-1, 1), len(hit))
     position[hit, np.arange(len(hit)) % 2] += height
-    return _with(trial, position=position)
+    return replace(trial, recording=replace(trial.recording, position=position))
 
 
 def with_jitter(trial: Trial, sigma_s: float, noise: Pair, quantum: Pair, seed: int) -> Trial:
@@ -129,7 +131,7 @@ def with_jitter(trial: Trial, sigma_s: float, noise: Pair, quantum: Pair, seed: 
 
 def on_the_grid(jittered: Trial, trial: Trial) -> Trial:
     """Replace the time stamps by those of the grid."""
-    return _with(jittered, time_s=trial.recording.time_s)
+    return replace(jittered, recording=replace(jittered.recording, time_s=trial.recording.time_s))
 
 
 def _means_between(recording: Recording, taken_s: Values) -> Values:
@@ -142,8 +144,3 @@ def _means_between(recording: Recording, taken_s: Values) -> Values:
         means[1:, axis] = np.diff(impulse) / np.diff(taken_s)
     means[0] = recording.effort[0]
     return means
-
-
-def _with(trial: Trial, **columns: Values) -> Trial:
-    """Replace columns of the recording."""
-    return replace(trial, recording=replace(trial.recording, **columns))

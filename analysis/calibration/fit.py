@@ -18,7 +18,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
+from scipy.optimize import OptimizeResult, minimize
 
 from analysis.calibration.likelihood import (
     FINE_SUBSTEPS,
@@ -219,8 +219,8 @@ class _Search:
     def curvature(self, x: Vector) -> Matrix:
         return self.all(x)[2]
 
-    def ended(self, intermediate_result: object) -> None:
-        x: Vector = intermediate_result.x  # pyright: ignore[reportAttributeAccessIssue]
+    def ended(self, intermediate_result: OptimizeResult) -> None:
+        x = intermediate_result.x
         loss, gradient, curvature = self.all(x)
         gain = float(gradient @ np.linalg.solve(curvature, gradient))
         self.losses.append(loss)

@@ -82,7 +82,7 @@ def _fields(record: logging.LogRecord) -> dict[str, str]:
 
 def _text(record: logging.LogRecord) -> str:
     """The message, followed by the traceback if there is one."""
-    if record.exc_info is None:
+    if not record.exc_info:
         return record.getMessage()
     return f"{record.getMessage()}\n{logging.Formatter().formatException(record.exc_info)}"
 

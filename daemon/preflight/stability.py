@@ -460,7 +460,8 @@ class _EndSpring(NamedTuple):
         """Coulomb friction that takes out what the delay puts in (rule 5)."""
         stiffness, damping = np.array([[edge_si / self.margin_si]]), np.array([[self.damping_si]])
         matrix = _matrix(np.array([[[inverse_mass]]]), stiffness, damping, self.period_s)
-        fastest = max(np.linalg.eigvals(matrix)[0].tolist(), key=abs)
+        eigenvalues: list[complex] = np.linalg.eigvals(matrix)[0].tolist()
+        fastest = max(eigenvalues, key=abs)
         growth = math.log(max(abs(fastest), 1.0)) / self.period_s
         frequency = abs(cmath.phase(fastest)) / self.period_s
         return 0.25 * math.pi * growth * frequency * self.margin_si / inverse_mass

@@ -37,7 +37,7 @@ def session_settings(listen: Sequence[str], trainer: str, keys: Keys | None) -> 
         "scouting/gossip/enabled": False,
         "adminspace/enabled": False,
         # Without it any client could publish, answer and receive setpoints as the gateway does.
-        "access_control": access_control(trainer, keys and keys.register.clients),
+        "access_control": access_control(trainer, None if keys is None else keys.register.clients),
         "timestamping/enabled": True,
         "transport/unicast/accept_timeout": ACCEPT_MS,
         "transport/unicast/accept_pending": PENDING_MAX,

@@ -3,6 +3,7 @@
 The replaced parts of the core are replaced in a fork that ends with its cell.
 """
 
+from collections.abc import Callable
 from typing import Final, NoReturn
 
 from daemon.core import cycle_record
@@ -10,6 +11,7 @@ from daemon.core.exercises.exercise import LegSample, Reference
 from daemon.core.modes.persistent_state import PersistentState
 from daemon.core.state import Leg
 from daemon.core.steps import exercises
+from drives.cia402.units import AxisScaling
 from gaitd_lab.fault_matrix.kinds import MS, NAN, FaultAction, Scene, nothing, undo
 
 
@@ -34,13 +36,13 @@ def nan_in_guidance() -> FaultAction:
     return FaultAction(begin, undo)
 
 
-def nan_in_scaling(field_name: str) -> FaultAction:
+def wrong_scaling(broken: Callable[[AxisScaling], AxisScaling]) -> FaultAction:
     """A conversion factor between a drive's units and SI becomes NaN."""
 
     def begin(scene: Scene, axis: str) -> None:
         one = scene.axis(axis)
         before = one.scaling
-        one.scaling = before._replace(**{field_name: NAN})
+        one.scaling = broken(before)
         scene.undo.append(lambda: setattr(one, "scaling", before))
 
     return FaultAction(begin, undo)

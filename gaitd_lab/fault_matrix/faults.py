@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 from gaitd_names import Cause, ExitCode
 
 from gaitd_lab.fault_matrix import core_kinds, kinds
-from gaitd_lab.fault_matrix.kinds import LASTS_S, MS, Fault, FaultAction
+from gaitd_lab.fault_matrix.kinds import LASTS_S, MS, NAN, Fault, FaultAction
 from gaitd_lab.fault_matrix.law import (
     ALARM,
     AT_ONCE,
@@ -358,13 +358,13 @@ _NUMBERS: Final = (
     _axis(
         "nan_position",
         "the position scaled from the drive's is no number",
-        core_kinds.nan_in_scaling("offset_si"),
+        core_kinds.wrong_scaling(lambda scaling: scaling._replace(offset_si=NAN)),
         DOUBTFUL_NUMBER,
     ),
     _axis(
         "nan_effort",
         "the effort scaled from the drive's is no number",
-        core_kinds.nan_in_scaling("effort_per_torque_count_si"),
+        core_kinds.wrong_scaling(lambda scaling: scaling._replace(effort_per_torque_count_si=NAN)),
         stops(Cause.EFFORT_DEVIATION, Cause.EFFORT_LIMIT, Cause.COMMAND_NOT_FINITE, within=AT_ONCE),
     ),
 )

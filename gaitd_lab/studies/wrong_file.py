@@ -312,9 +312,10 @@ def _setup(file: File, of_minute: Known = NOTHING_KNOWN) -> Setup:
     place = own + file.drawn @ steps
     place[DRIVES:] = own[DRIVES:]  # what a variant shows otherwise is the change alone
     unsure = [_variant_of(place + step) for step in steps]
-    over = tuple(
-        one._replace(slope=one.slope + slope)
-        for one, slope in zip(friction_over_position(file.robot), off.slopes, strict=True)
+    hip, slide = friction_over_position(file.robot)
+    over = (
+        hip._replace(slope=hip.slope + off.slopes[0]),
+        slide._replace(slope=slide.slope + off.slopes[1]),
     )
     tuning = observer_tuning(file.robot)._replace(friction_over_position=over)
     return with_baseline(setup_of(off.leg, off.hip, off.slide, tuning, unsure), of_minute)

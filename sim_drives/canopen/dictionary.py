@@ -139,10 +139,10 @@ def _default(variable: Variable, code: str) -> Value:
         case str():
             wide = variable.data_type == UNICODE_STRING
             return default.encode("utf-16-le" if wide else "utf-8")
-        case float():
-            return struct.pack("<f" if variable.bits == 32 else "<d", default)
         case int():
             return (default % (1 << variable.bits)).to_bytes(variable.bits // 8, "little")
+        case float():
+            return struct.pack("<f" if variable.bits == 32 else "<d", default)
         case _:
             return default or b""
 

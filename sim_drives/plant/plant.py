@@ -144,12 +144,14 @@ def _elastic(
     """What of [transmission] is not rigid."""
     hip, slide = settings.transmission.hip, settings.transmission.slide
     made = (
-        hip
-        and Elasticity(
+        None
+        if hip is None
+        else Elasticity(
             hip.stiffness_nm_per_rad, hip.damping_nm_s_per_rad, hip.backlash_rad, inertia[HIP]
         ),
-        slide
-        and Elasticity(
+        None
+        if slide is None
+        else Elasticity(
             slide.stiffness_n_per_m, slide.damping_n_s_per_m, slide.backlash_m, inertia[SLIDE]
         ),
     )

@@ -36,7 +36,7 @@ def _add(kind: str) -> None:
     """Add the command that serves the page of one kind of reader."""
 
     @app.command(kind, help=f"Serve the {kind}'s page.")
-    def serve_page(  # pyright: ignore[reportUnusedFunction] - typer calls it
+    def serve_page(
         config: Annotated[
             Path, typer.Option("--config", help="settings of the page", dir_okay=False)
         ],

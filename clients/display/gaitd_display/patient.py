@@ -134,7 +134,7 @@ class PatientServer:
         self.state = PatientState(settings, secrets.token_hex(4))
         self.feed = Feed(self._view)
         self._stops = Stops(trainer)
-        self._training = None
+        self._training: Training | None = None
         if settings.session is not None:
             self._training = Training(settings.session, trainer, clock)
         self._read: Callable[[], PatientView]

@@ -134,9 +134,11 @@ class PatientState:
         Raises:
             ConfigError: the check of the way out cannot be used.
         """
-        self._glow_full_w = {leg.name: leg.glow_full_w for leg in settings.leg}
+        self._glow_full_w: dict[str, float] = {leg.name: leg.glow_full_w for leg in settings.leg}
         target = settings.target
-        self._own = OwnSteps(target and Band(target.share_low_ratio, target.share_high_ratio))
+        self._own = OwnSteps(
+            None if target is None else Band(target.share_low_ratio, target.share_high_ratio)
+        )
         self._release = Release(settings.way_out)
         self._may_request = settings.web.is_loopback
         self._activities: dict[str, Activity] = {}

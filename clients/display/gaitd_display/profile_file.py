@@ -158,7 +158,7 @@ def _leaves(value: object, key: str) -> Iterator[tuple[str, object]]:
         for name, one in cast("Mapping[str, object]", value).items():
             if one is not None or name != "passive":
                 yield from _leaves(one, f"{key}.{name}" if key else name)
-    elif isinstance(value, list | tuple):
+    elif isinstance(value, (list, tuple)):
         for index, one in enumerate(cast("Sequence[object]", value)):
             yield from _leaves(one, f"{key}[{index}]")
     else:

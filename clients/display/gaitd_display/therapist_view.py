@@ -267,7 +267,9 @@ class TherapistState:
             configuration: None: the core has not answered.
         """
         limits = {} if configuration is None else configuration.limits
-        self._geometry = configuration and geometry_of(configuration.robot, limits)
+        self._geometry = None
+        if configuration is not None:
+            self._geometry = geometry_of(configuration.robot, limits)
         self._ranges = plan_ranges(limits)
 
     def view(

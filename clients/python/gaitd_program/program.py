@@ -43,7 +43,7 @@ def parser(distribution: str, purpose: str, cls: type[TyperGroup] = TyperGroup) 
             raise typer.Exit
 
     @app.callback()
-    def common(  # pyright: ignore[reportUnusedFunction] - typer calls it
+    def common(
         version: Annotated[
             bool,
             typer.Option(

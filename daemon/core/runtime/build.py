@@ -276,8 +276,9 @@ def _axis(
         wiring=wiring_of(drive),
         poses=poses,
         push=push,
-        homing=homing
-        and HomingRules(
+        homing=None
+        if homing is None
+        else HomingRules(
             homing.effort_max_si,
             HOMING_SPEED_RATIO * homing.search_speed_si_per_s,
             round(homing.timeout_s * 1000 / period_ms),

@@ -65,12 +65,14 @@ def rows(run: Run, marks: Marks, frictions: Frictions, setup: Setup) -> tuple[Ro
 
 def _peak_rows(run: Run, marks: Marks) -> Iterator[Row]:
     found = peak(run, marks)
-    true, estimated = found and found.true_rad_per_s, found and found.estimated_rad_per_s
+    true = estimated = percent = lag_count = None
+    if found is not None:
+        true, estimated = found.true_rad_per_s, found.estimated_rad_per_s
+        percent, lag_count = 100 * found.difference_ratio, found.lag_count
     yield Row("velocity peak, true", true, None, "rad/s", "")
     yield Row("velocity peak, estimated", estimated, None, "rad/s", "")
-    percent = found and 100 * found.difference_ratio
     yield Row("velocity peak, difference", percent, None, "%", "")
-    yield Row("velocity peak, lag", found and found.lag_count, None, "samples", "")
+    yield Row("velocity peak, lag", lag_count, None, "samples", "")
 
 
 def _motion_rows(run: Run, open_gate: Flags) -> Iterator[Row]:
@@ -141,14 +143,18 @@ def _undisturbed_rows(run: Run, open_gate: Flags, marks: Marks) -> Iterator[Row]
 
 def _time_rows(run: Run, marks: Marks, open_gate: Flags) -> Iterator[Row]:
     found = transfer(run, marks, open_gate)
+    reached_s = motion_s = after_motion_s = None
+    if found is not None:
+        reached_s, motion_s = found.reached_s, found.motion_s
+        after_motion_s = found.after_motion_s
     for name, seconds in (
-        ("step at rest: 90 % after its onset", found and found.reached_s),
-        ("step at rest: motion after its onset", found and found.motion_s),
-        ("step at rest: 90 % after motion", found and found.after_motion_s),
+        ("step at rest: 90 % after its onset", reached_s),
+        ("step at rest: motion after its onset", motion_s),
+        ("step at rest: 90 % after motion", after_motion_s),
         ("step gone in motion: 90 % after", fall_s(run, marks)),
     ):
         yield Row(name, None, None if seconds is None else round(MILLI * seconds, 3), "", "ms")
-    at_onset = run.between(marks.onset_s, marks.onset_s + (found.motion_s if found else 0.0))
+    at_onset = run.between(marks.onset_s, marks.onset_s + (motion_s or 0.0))
     step = at_onset.artificial[:, 1] != 0
     taken = (at_onset.true_friction - at_onset.state[:, 4:6])[step, 1] / at_onset.artificial[
         step, 1
