@@ -51,13 +51,6 @@ class ClockPair(NamedTuple):
         return self.utc_ns - self.before_ns
 
 
-class Arrival(NamedTuple):
-    """Bounds of the arrival of a frame, in monotonic time."""
-
-    earliest_ns: int
-    latest_ns: int
-
-
 def read_clocks(clock: Clock) -> ClockPair:
     """Read both clocks now."""
     before_ns = clock.now_ns()
@@ -65,24 +58,12 @@ def read_clocks(clock: Clock) -> ClockPair:
     return ClockPair(before_ns, utc_ns, clock.now_ns())
 
 
-def arrival(stamp_utc_ns: int, begun: ClockPair, ended: ClockPair) -> Arrival:
-    """Arrival of a frame that was read before `ended`, if it was stamped after `begun`."""
-    ahead_most_ns = max(begun.ahead_most_ns, ended.ahead_most_ns)
-    ahead_least_ns = min(begun.ahead_least_ns, ended.ahead_least_ns)
-    return Arrival(
-        stamp_utc_ns - ahead_most_ns - ROUNDING_NS, stamp_utc_ns - ahead_least_ns + ROUNDING_NS
+def _ahead_ns(begun: ClockPair, ended: ClockPair) -> tuple[int, int]:
+    """Smallest and largest offset of the wall clock over the monotonic clock between two pairs."""
+    return (
+        min(begun.ahead_least_ns, ended.ahead_least_ns),
+        max(begun.ahead_most_ns, ended.ahead_most_ns),
     )
-
-
-def is_before(stamp_utc_ns: int, begun: ClockPair, ended: ClockPair) -> bool:
-    """True if a frame read before `ended` cannot have arrived after `begun` (rules 1 to 3).
-
-    A stamp from before a backward step of the wall clock can lie in its future.
-    """
-    if stamp_utc_ns == 0:
-        return False
-    came = arrival(stamp_utc_ns, begun, ended)
-    return came.latest_ns < begun.before_ns or came.earliest_ns > ended.after_ns
 
 
 def sort_out(
@@ -90,13 +71,19 @@ def sort_out(
 ) -> tuple[list[Frame], list[Frame]]:
     """Split frames into possible answers to the SYNC sent after `begun`, and late ones, in order.
 
-    Error frames are neither late nor early: they stay with the answers.
+    `ended` was read after the frames (rules 1 to 3). Error frames are neither late nor early: they
+    stay with the answers. A stamp from before a backward step of the wall clock can lie in its
+    future.
     """
+    least_ns, most_ns = _ahead_ns(begun, ended)
+    first_utc_ns = begun.before_ns + least_ns - ROUNDING_NS
+    last_utc_ns = ended.after_ns + most_ns + ROUNDING_NS
     answers: list[Frame] = []
     others: list[Frame] = []
     for frame in frames:
-        late = not frame.is_error and is_before(frame.time_ns, begun, ended)
-        (others if late else answers).append(frame)
+        is_possible = first_utc_ns <= frame.time_ns <= last_utc_ns
+        taken = is_possible or frame.is_error or frame.time_ns == 0
+        (answers if taken else others).append(frame)
     return answers, others
 
 
@@ -104,7 +91,7 @@ def answered_ns(stamp_utc_ns: int, begun: ClockPair, ended: ClockPair) -> int | 
     """Time from `begun` to an answer; None without a stamp, or if it is too uncertain."""
     if stamp_utc_ns == 0:
         return None
-    came = arrival(stamp_utc_ns, begun, ended)
-    if came.latest_ns - came.earliest_ns > KNOWN_WITHIN_NS:
+    least_ns, most_ns = _ahead_ns(begun, ended)
+    if most_ns - least_ns + 2 * ROUNDING_NS > KNOWN_WITHIN_NS:
         return None
-    return max((came.earliest_ns + came.latest_ns) // 2 - begun.after_ns, 0)
+    return max((2 * stamp_utc_ns - most_ns - least_ns) // 2 - begun.after_ns, 0)

@@ -11,7 +11,7 @@ Rules:
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-from daemon.core.runtime.arrivals import answered_ns, read_clocks, sort_out
+from daemon.core.runtime.arrivals import ClockPair, answered_ns, read_clocks, sort_out
 from daemon.core.runtime.bus_link import Line
 from daemon.system.clock import Clock
 from drives.canopen.bus import Frame
@@ -73,7 +73,7 @@ class Window:
         self._line.send(sync)
         missing = set(drives.cyclic_ids)
         frames: list[Frame] = []
-        answer_ns = 0
+        last: tuple[Frame, ClockPair] | None = None
         window_end_ns = sync_ns + self._window_ns
         while missing or not self._was_complete:
             came = self._line.receive_until(window_end_ns)
@@ -84,8 +84,9 @@ class Window:
             for frame in answers:
                 if frame.can_id in missing:
                     missing.remove(frame.can_id)
-                    answer_ns = answered_ns(frame.time_ns, begun, now) or 0
+                    last = frame, now
             if not came or now.after_ns >= window_end_ns:
                 break
         self._was_complete = not missing
-        return Answers(frames, answer_ns)
+        answer_ns = None if last is None else answered_ns(last[0].time_ns, begun, last[1])
+        return Answers(frames, answer_ns or 0)

@@ -11,7 +11,6 @@ from daemon.core.runtime.arrivals import (
     ROUNDING_NS,
     ClockPair,
     answered_ns,
-    is_before,
     read_clocks,
     sort_out,
 )
@@ -26,6 +25,11 @@ SYNC_NS = 50_000 * MS
 def pair(mono_ns, ahead_ns=AHEAD_NS, interrupted_ns=0):
     """Both clocks as read at `mono_ns`, another process running in between."""
     return ClockPair(mono_ns, mono_ns + interrupted_ns // 2 + ahead_ns, mono_ns + interrupted_ns)
+
+
+def is_before(stamp_utc_ns, begun, ended):
+    answers, _ = sort_out([Frame(0x185, b"", stamp_utc_ns)], begun, ended)
+    return not answers
 
 
 @dataclass
