@@ -60,12 +60,15 @@ def read(path: Path, leg: str | None = None, progress: Progress | None = None) -
 
     Args:
         path: the file or folder; any other name is read as a ring.
-        leg: a leg of the recording; the first one if None. A CSV has only one.
+        leg: a leg of the recording; a CSV has only one. None only where there is but one.
         progress: called with the share read.
 
     Raises:
-        RecordingError: the file cannot be used; names place and reason.
+        RecordingError: the file cannot be used, or it is not said of which leg; names place and
+            reason.
     """
+    if leg is None and len(legs := legs_of(path)) > 1:
+        raise RecordingError(f"{path}: has {' and '.join(legs)}: choose one with --leg")
     if path.suffix.lower() == ".csv":
         return Source(read_csv(path, progress), None, "", None)
     if is_recorded(path):

@@ -53,6 +53,7 @@ def command(
             "--accept", help="write the result although it misses a limit; the file says so"
         ),
     ] = False,
+    leg: Annotated[str | None, typer.Option(help="of recordings with two legs")] = None,
     check: Annotated[
         bool, typer.Option("--check", help="only look for a wrong recline, spring or offset")
     ] = False,
@@ -75,14 +76,24 @@ def command(
     output = output or recorded[0].with_name(recorded[0].name + SUFFIX)
     with errors_in_one_line(RecordingError, EditError), json_on_stdout(as_json) as write:
         if check:
-            _check(recorded, robot, write)
+            _check(recorded, leg, robot, write)
         else:
             _calibrate(
-                recorded, robot, output, page, held_out or [], write, noise=noise, accept=accept
+                recorded,
+                leg,
+                robot,
+                output,
+                page,
+                held_out or [],
+                write,
+                noise=noise,
+                accept=accept,
             )
 
 
-def _check(recorded: list[Path], robot_file: Path, write: Callable[[object], None]) -> None:
+def _check(
+    recorded: list[Path], leg: str | None, robot_file: Path, write: Callable[[object], None]
+) -> None:
     from gaitd_toml import read_toml
 
     from analysis.calibration.empty_check import check
@@ -90,7 +101,7 @@ def _check(recorded: list[Path], robot_file: Path, write: Callable[[object], Non
     from daemon.preflight.robot import decoded_robot
 
     robot = decoded_robot(read_toml(robot_file), to_calibrate=True)
-    found = check(robot, empty_run(_sources(recorded), robot))
+    found = check(robot, empty_run(_sources(recorded, leg), robot))
     print(found)
     write({"passed": found.well, "mechanism": str(found), "check": found})
     if not found.well:
@@ -99,6 +110,7 @@ def _check(recorded: list[Path], robot_file: Path, write: Callable[[object], Non
 
 def _calibrate(
     recorded: list[Path],
+    leg: str | None,
     robot_file: Path,
     output: Path,
     page: Path | None,
@@ -127,9 +139,9 @@ def _calibrate(
     with progress() as stage:
         update = stage("calibrating")
         made = calibrate(
-            _sources(recorded),
+            _sources(recorded, leg),
             robot,
-            _sources(held_out),
+            _sources(held_out, leg),
             lambda misfit, share: update(share, f"calibrating  {misfit}"),
             with_noise=noise,
         )
@@ -178,10 +190,10 @@ def _calibrate(
     )
 
 
-def _sources(recorded: list[Path]) -> "list[Source]":
+def _sources(recorded: list[Path], leg: str | None) -> "list[Source]":
     from analysis.replay import read
 
-    return [read(path) for path in recorded]
+    return [read(path, leg) for path in recorded]
 
 
 def _report(made: "Calibration") -> None:

@@ -10,6 +10,7 @@ whatever its correlation, which the interval already includes. A slope of fricti
 effort returns as well if its interval holds the file's value.
 """
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -51,6 +52,7 @@ from analysis.calibration.quantities import (
     labelled,
 )
 from analysis.calibration.start import extent, regressed
+from analysis.recording import RecordingError
 from observer.quantities import Number
 
 Vector = NDArray[np.float64]
@@ -111,6 +113,10 @@ WALL: Final = 1e4
 """Stiffness of the bounds in units of likelihood."""
 TIGHT_RATIO: Final = 0.1
 """Interval that is narrow enough despite a correlation, which it already includes."""
+WRONG_FILE: Final = (
+    "the robot file does not fit the recording; `gaitd calibrate --check` names what explains it, "
+    "such as an encoder offset, a spring or the rail"
+)
 DECREMENT: Final = 1e-2
 """Expected gain of the likelihood at which a search ends: a seventh of a standard deviation."""
 
@@ -158,8 +164,24 @@ class _End(NamedTuple):
 
     free: Vector
     loss: Number
-    """Loss including priors."""
+    """Loss including priors; infinite where the search could not begin."""
     step_count: int
+    why: str = ""
+    """Why it could not begin; empty if it did."""
+
+    def begun(self) -> "_End":
+        """Itself.
+
+        Raises:
+            RecordingError: the search could not begin.
+        """
+        if self.why:
+            raise RecordingError(self.why)
+        return self
+
+
+class _NoSlopeError(Exception):
+    """The likelihood has no derivative; the text says where."""
 
 
 class _Search:
@@ -181,6 +203,8 @@ class _Search:
         self.progress, self.known = progress, known
         self.losses: list[float] = []
         self.step_count = 0
+        self.newest: _End | None = None
+        """Where the likelihood was differentiated last."""
         self._made: dict[bytes, tuple[float, Vector, Matrix]] = {}
 
     def whole(self, x: Vector) -> Vector:
@@ -205,13 +229,37 @@ class _Search:
         at = x.tobytes()
         if at not in self._made:
             base, dz, ds = self.likelihood.derivatives(self.whole(x), self.which)
+            sound = np.isfinite(dz) & np.isfinite(ds)
+            if not np.all(sound):
+                raise _NoSlopeError(self._where(base, sound, x))
             each, fisher = scores(base, dz, ds)
             beyond = self._beyond(x)
             gradient = each.sum(axis=0) + self.weight * (x - self.centre) + WALL * beyond
             curvature = fisher + np.diag(self.weight + WALL * (beyond != 0.0))
-            self._made = {at: (self._with_prior(base, x), gradient, curvature)}
+            loss = self._with_prior(base, x)
+            self._made = {at: (loss, gradient, curvature)}
             self.step_count += 1
+            self.newest = _End(self.whole(x), loss, self.step_count)
         return self._made[at]
+
+    def _where(self, base: Surprises, sound: NDArray[np.bool_], x: Vector) -> str:
+        """Say of what the model has no finite motion."""
+        likelihood, motion = self.likelihood, self.likelihood.motion
+        sources = ", ".join(motion.sources)
+        lost = ~(np.isfinite(base.z) & np.isfinite(base.s))
+        if np.any(lost):
+            row = likelihood.row[np.argmax(lost)]
+            hip_rad, slide_m = motion.smooth[row, :2].tolist()
+            return (
+                f"{sources}: at {motion.time_s[row]:.2f} s, hip {np.degrees(hip_rad):.1f} deg and "
+                f"slide {slide_m:.3f} m, the leg of the robot file cannot move so: {WRONG_FILE}"
+            )
+        index = int(self.which[np.argmin(np.all(sound, axis=0))])
+        value = likelihood.frame.from_free(self.whole(x))[index]
+        return (
+            f"{sources}: no motion can be computed with {labelled(index)} = {value:.4g}, where the "
+            f"search begins: {WRONG_FILE}"
+        )
 
     def gradient(self, x: Vector) -> Vector:
         return self.all(x)[1]
@@ -256,6 +304,9 @@ def fit(
         near: a fit of another law, or of more quantities, to the same rows: the only place where
             the search begins.
         kept: quantities that keep the file's values, with the reasons.
+
+    Raises:
+        RecordingError: the model has no finite motion, wherever the search begins.
     """
     likelihood = Likelihood(frame, motion, ~motion.held_out)
     reasons = _fixed(frame, motion) | dict(kept)
@@ -282,7 +333,7 @@ def fit(
     fine = Likelihood(frame, motion, ~motion.held_out, FINE_SUBSTEPS)
 
     def walk_fine(free: Vector) -> _End:
-        return walk(free, within=fine)
+        return walk(free, within=fine).begun()
 
     ends: list[_End] = []
     if near is None:
@@ -300,7 +351,7 @@ def fit(
             free_near = near.frame.free(near.natural)
             known_ends.append(_End(free_near, found.surprises(free_near).loss, 0))
         ends.append(walk(best_start(likelihood, free, motion), known_ends))
-    first = min(ends, key=lambda end: end.loss)
+    first = min(ends, key=lambda end: end.loss).begun()
     fixed_count = len(reasons)
     identified, cov = _identified(fine, walk_fine(first.free), reasons, walk_fine)
     free = identified.free
@@ -353,7 +404,7 @@ def fitted_on(
     """Free values of the nearest optimum; what was not fitted before is not now."""
     which = np.array([i for i in range(SIZE) if i not in made.fixed.union(kept)], dtype=np.intp)
     search = _Search(likelihood, free, free.copy(), which, progress, ())
-    return _walk(search, free[which], STEPS_MAX).free
+    return _walk(search, free[which], STEPS_MAX).begun().free
 
 
 def _with_law_of(frame: Frame, natural: Vector) -> Vector:
@@ -438,7 +489,9 @@ def best_start(likelihood: Likelihood, free: Vector, motion: Motion) -> Vector:
             trial = free.copy()
             trial[at] += np.log(factors)
             tried.append(trial)
-        free = tried[int(np.nanargmin([likelihood.surprises(trial).loss for trial in tried]))]
+        losses = np.array([likelihood.surprises(trial).loss for trial in tried])
+        if np.any(np.isfinite(losses)):
+            free = tried[int(np.nanargmin(losses))]
     return free
 
 
@@ -457,15 +510,18 @@ def _with_encoders(free: Vector, factor: Number) -> Vector:
 
 
 def _walk(search: _Search, x: Vector, steps_max: int) -> _End:
-    found = minimize(
-        search.value,
-        x,
-        method="dogleg",
-        jac=search.gradient,
-        hess=search.curvature,
-        callback=search.ended,
-        options={"maxiter": steps_max, "initial_trust_radius": 0.5, "gtol": 1e-3},
-    )
+    try:
+        found = minimize(
+            search.value,
+            x,
+            method="dogleg",
+            jac=search.gradient,
+            hess=search.curvature,
+            callback=search.ended,
+            options={"maxiter": steps_max, "initial_trust_radius": 0.5, "gtol": 1e-3},
+        )
+    except _NoSlopeError as error:
+        return search.newest or _End(search.whole(x), math.inf, 0, str(error))
     return _End(search.whole(found.x), float(found.fun), search.step_count)
 
 

@@ -76,8 +76,9 @@ class Surprises:
 
     @property
     def loss(self) -> float:
-        """Negative log likelihood without its constant."""
-        return float(0.5 * np.sum(np.minimum(self.z**2 / self.s, CLIP) + np.log(self.s)))
+        """Negative log likelihood without its constant; NaN where no motion can be computed."""
+        with np.errstate(invalid="ignore", over="ignore"):
+            return float(0.5 * np.sum(np.minimum(self.z**2 / self.s, CLIP) + np.log(self.s)))
 
 
 class Likelihood:
@@ -132,8 +133,9 @@ class Likelihood:
             beside = free.copy()
             beside[index] += DIFFERENCE
             run = self.surprises(beside)
-            dz[:, column] = (run.z - base.z) / DIFFERENCE
-            ds[:, column] = (run.s - base.s) / DIFFERENCE
+            with np.errstate(invalid="ignore", over="ignore"):
+                dz[:, column] = (run.z - base.z) / DIFFERENCE
+                ds[:, column] = (run.s - base.s) / DIFFERENCE
         return base, dz, ds
 
 

@@ -11,12 +11,13 @@ from typing import Final, TypeVar
 import msgspec
 from msgspec.structs import replace
 
+from daemon.config.limit_settings import Limits
 from daemon.config.settings import Robot, Segment
 from daemon.config.unread import UNREAD, UnreadError
 from observer.filter.considered import Drives, Slopes, Variant
 from observer.filter.leg_model import integrator_named
 from observer.filter.leg_observer import ObserverTuning
-from observer.mechanism.friction import FrictionParameters, OverPosition
+from observer.mechanism.friction import FrictionParameters, OverPosition, at_position
 from observer.mechanism.parameters import (
     BODY,
     BodySegment,
@@ -31,6 +32,8 @@ from observer.mechanism.parameters import (
 from observer.mechanism.parameters import leg_parameters as compose
 
 Body = tuple[BodySegment, BodySegment, BodySegment]
+Frictions = tuple[FrictionParameters, FrictionParameters]
+"""Friction of hip and slide."""
 Part = TypeVar("Part", bound=msgspec.Struct)
 
 _PARAMETERS: Final = (
@@ -102,7 +105,7 @@ def leg_links(robot: Robot, body: Body = BODY) -> tuple[Link, Link, Link]:
     return with_patient(machine, leg_geometry(robot), mass_kg, height_m, body)
 
 
-def friction_parameters(robot: Robot) -> tuple[FrictionParameters, FrictionParameters]:
+def friction_parameters(robot: Robot) -> Frictions:
     """Friction of hip (N m, rad/s) and slide (N, m/s)."""
     hip, slide = robot.friction.hip, robot.friction.slide
     return FrictionParameters(*_values(hip)), FrictionParameters(*_values(slide))
@@ -145,6 +148,26 @@ def friction_over_position(robot: Robot) -> tuple[OverPosition, OverPosition]:
     """How friction rises along hip and slide."""
     table = robot.friction_over_position
     return OverPosition(*_values(table.hip)), OverPosition(*_values(table.slide))
+
+
+def friction_range(robot: Robot, limits: Limits) -> tuple[Frictions, Frictions]:
+    """The least and the greatest friction of hip and slide between their position limits.
+
+    A check takes the one that is worse for what it shows: a leg without its drives goes farthest
+    with the least, and the greatest hides most at rest.
+    """
+    hip, slide = limits.hip, limits.slide
+    ends = (
+        (math.radians(hip.position_min_deg), math.radians(hip.position_max_deg)),
+        (slide.position_min_m, slide.position_max_m),
+    )
+    (hip_least, hip_most), (slide_least, slide_most) = (
+        sorted((at_position(law, over, end) for end in both), key=lambda found: found.stribeck)
+        for law, over, both in zip(
+            friction_parameters(robot), friction_over_position(robot), ends, strict=True
+        )
+    )
+    return (hip_least, slide_least), (hip_most, slide_most)
 
 
 def _compliance(stiffness: float) -> float:

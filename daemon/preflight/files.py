@@ -19,6 +19,7 @@ from gaitd_toml import MISSING, ConfigError, Errors
 from daemon.config.bundle import LegDrives, Settings
 from daemon.config.drive_plan import cycle_settings, drive_limits, effort_per_motor_nm
 from daemon.config.limit_settings import HipLimits, SlideLimits
+from daemon.config.robot import friction_range
 from daemon.config.unread import UNREAD, UnreadError
 from daemon.preflight.assist import (
     ASSIST_CHECKS,
@@ -29,7 +30,6 @@ from daemon.preflight.drives import DRIVE_CHECKS
 from daemon.preflight.motion import (
     MOTION_CHECKS,
     every_limit_can_be_reached,
-    friction_range,
     scenarios_have_the_effort,
     scenarios_stay_inside,
     the_gait_fits,
@@ -349,7 +349,7 @@ def _friction_laws_are_laws(settings: Settings) -> Errors:
 
 
 def _static_loads_exceed_friction(settings: Settings) -> Errors:
-    _, greatest = friction_range(settings)
+    _, greatest = friction_range(settings.robot, settings.limits)
     for (axis, table), friction in zip(_limit_tables(settings), greatest, strict=True):
         tolerance = _number(table, axis.static_load_key)
         stribeck = friction.stribeck
@@ -388,7 +388,6 @@ _SWEEPS_RELY_ON: Final = (
     _axes_fit_their_joint,
     _categories_are_complete_and_allowed,
     every_limit_can_be_reached,
-    friction_range,
     gears_fit_their_joint,
     _ranges_are_ranges,
     _friction_laws_are_laws,

@@ -13,21 +13,19 @@ from gaitd_toml import ConfigError, Errors, PlainText
 
 from daemon.config.bundle import Settings
 from daemon.config.limit_settings import Limits
-from daemon.config.robot import friction_over_position, friction_parameters, leg_parameters
+from daemon.config.robot import leg_parameters
 from daemon.config.settings import Excite, Sinusoid
 from daemon.core.exercises import self_test
 from daemon.core.motion.gait_shape import gait_angles, gait_shape, joints_of_angles, load_at
 from daemon.preflight.workspace import (
     Box,
     Extent,
-    Frictions,
     Motion,
     Pair,
     extent_of,
     gait_motions,
     sweep_ramps,
 )
-from observer.mechanism.friction import at_position
 from observer.mechanism.mechanism import WorkspaceError, singularity_ratio
 from observer.mechanism.parameters import LegParameters
 
@@ -42,21 +40,6 @@ def limit_box(limits: Limits) -> Box:
         (math.radians(hip.position_min_deg), slide.position_min_m),
         (math.radians(hip.position_max_deg), slide.position_max_m),
     )
-
-
-def friction_range(settings: Settings) -> tuple[Frictions, Frictions]:
-    """The least and the greatest friction of hip and slide between their position limits.
-
-    A leg without power, or with a drive that runs away, goes farthest with the least one.
-    """
-    box = limit_box(settings.limits)
-    laws = friction_parameters(settings.robot)
-    overs = friction_over_position(settings.robot)
-    (hip_least, hip_most), (slide_least, slide_most) = (
-        sorted((at_position(f, over, low), at_position(f, over, high)), key=lambda law: law.coulomb)
-        for f, over, low, high in zip(laws, overs, box.low, box.high, strict=True)
-    )
-    return (hip_least, slide_least), (hip_most, slide_most)
 
 
 def soft_box(limits: Limits) -> Box:

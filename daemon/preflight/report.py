@@ -13,14 +13,14 @@ from gaitd_toml import ConfigError, Errors
 
 from daemon.config.bundle import Settings
 from daemon.config.drive_plan import cycle_settings
-from daemon.config.robot import leg_parameters
+from daemon.config.robot import friction_range, leg_parameters
 from daemon.config.trainer import drive_names, is_file, real_drives
 from daemon.preflight import workspace
 from daemon.preflight.axes import AxisMeaning, axis_errors, axis_meanings
 from daemon.preflight.braking import BrakingMeaning, braking_errors, braking_meanings
 from daemon.preflight.doubts import doubts
 from daemon.preflight.homing import homing_errors
-from daemon.preflight.motion import decelerations, friction_range, limit_box
+from daemon.preflight.motion import decelerations, limit_box
 from daemon.preflight.runaway_report import RunawayMeaning, runaway_errors, runaway_meanings
 from daemon.preflight.stability import LoopMeaning, loop_errors, loop_meanings, loop_warnings
 from daemon.preflight.workspace import Drift, Extent, StopKind, Sweep
@@ -177,7 +177,10 @@ def _harshest_first(row: tuple[Cause, tuple[StopCategory, bool]]) -> tuple[int, 
 
 
 def _sweeps(settings: Settings) -> tuple[SweepMeaning, ...]:
-    leg, (frictions, _) = leg_parameters(settings.robot), friction_range(settings)
+    leg, (frictions, _) = (
+        leg_parameters(settings.robot),
+        friction_range(settings.robot, settings.limits),
+    )
     gait, box, ramps = (
         settings.trainer.gait,
         limit_box(settings.limits),
@@ -209,7 +212,10 @@ def _sweep(settings: Settings, sweep: Sweep) -> SweepMeaning:
 
 
 def _drift(settings: Settings) -> DriftMeaning:
-    leg, (frictions, _) = leg_parameters(settings.robot), friction_range(settings)
+    leg, (frictions, _) = (
+        leg_parameters(settings.robot),
+        friction_range(settings.robot, settings.limits),
+    )
     gait, box = settings.trainer.gait, limit_box(settings.limits)
     poses = workspace.gait_motions(leg, gait, gait.cadence_max_hz, DRIFT_POSES)
     drifts = [workspace.drift(leg, frictions, motion.position, box) for motion in poses]

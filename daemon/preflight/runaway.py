@@ -26,7 +26,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from daemon.preflight.workspace import Frictions, Motion, Pair
+from daemon.config.robot import Frictions
+from daemon.preflight.workspace import Motion, Pair
 from observer.jit import inline, kernel
 from observer.mechanism.friction import FrictionParameters, friction_after
 from observer.mechanism.linkage import Dynamics, dynamics

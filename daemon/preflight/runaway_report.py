@@ -13,10 +13,9 @@ from gaitd_toml import ConfigError, Errors
 
 from daemon.config.bundle import LegDrives, Settings
 from daemon.config.drive_plan import drive_limits
-from daemon.config.robot import leg_parameters
+from daemon.config.robot import friction_range, leg_parameters
 from daemon.config.settings import Cycle
 from daemon.preflight import workspace
-from daemon.preflight.motion import friction_range
 from daemon.preflight.runaway import AxisRunaway, Runaway, worst_runaways
 from daemon.preflight.workspace import Pair
 from drives.cia402.profile import DriveDescription, Keeps
@@ -104,7 +103,7 @@ def _meanings(settings: Settings, leg: LegDrives) -> Iterator[RunawayMeaning]:
 def _worst(settings: Settings, axes: tuple[AxisRunaway, AxisRunaway]) -> tuple[Runaway, Runaway]:
     leg, gait = leg_parameters(settings.robot), settings.trainer.gait
     poses = workspace.gait_motions(leg, gait, gait.cadence_max_hz, POSES)
-    frictions, _ = friction_range(settings)
+    frictions, _ = friction_range(settings.robot, settings.limits)
     return worst_runaways(
         leg,
         frictions,

@@ -22,7 +22,8 @@ with the motion of two cycles ago.
 5. In hand guiding a spring leads back in at each end of the range. It acts over the soft margin
    alone, and friction may take out what its delay puts in: an oscillation of amplitude A, growth
    rate s and frequency w needs pi/2 m s w A of Coulomb friction, with A half of the soft margin.
-   The margin is the number of times that `coulomb` of robot.toml has that.
+   The margin is the number of times that `coulomb` of robot.toml has that, where it is least
+   along the axis.
 
 6. The effort also carries g of q[k], which is 15 ms late: as damping, that is 15 ms of dg/dq. It is
    left out. Over the shipped workspaces dg/dq is positive definite, and would add to the damping.
@@ -42,10 +43,10 @@ from gaitd_toml import ConfigError, Errors
 from numpy.typing import NDArray
 
 from daemon.config.bundle import Settings
-from daemon.config.robot import friction_parameters, leg_parameters
+from daemon.config.robot import friction_range, leg_parameters
 from daemon.config.settings import Impedance
 from daemon.core.safety import soft_limits
-from daemon.core.safety.limits import AxisLimits, hip_limits, slide_limits, thresholds
+from daemon.core.safety.limits import AxisLimits, axis_limits, thresholds
 from daemon.preflight.motion import limit_box
 from daemon.preflight.workspace import Pair
 from observer.mechanism.mechanism import mass_matrix, singularity_ratio
@@ -210,11 +211,7 @@ def poses_of(
     box, stop_ratio = limit_box(settings.limits), settings.limits.singularity.stop_ratio
     ends = zip(box.low, box.high, (HIP_POINTS, SLIDE_POINTS), strict=True)
     grid = positions or product(*(np.linspace(*end).tolist() for end in ends))
-    frictions = friction_parameters(settings.robot)
-    limits = (
-        hip_limits(settings.limits, frictions[0].stribeck),
-        slide_limits(settings.limits, frictions[1].stribeck),
-    )
+    limits = axis_limits(settings.limits, settings.robot)
     bounds = thresholds(settings.limits, settings.trainer.cycle.period_ms)
     rows: list[tuple[Pair, Vector, Vector]] = []
     for position in grid:
@@ -418,7 +415,7 @@ def _end_springs(
         _EndSpring("slide", limits.slide.soft_margin_m, hand.slide.damping_n_s_per_m, period_s),
     )
     edges = {"hip.edge_nm": hand.hip.edge_nm, "slide.edge_n": hand.slide.edge_n}
-    frictions = friction_parameters(settings.robot)
+    frictions, _ = friction_range(settings.robot, settings.limits)
     for axis, (spring, (key, edge)) in enumerate(zip(springs, edges.items(), strict=True)):
         # The lightest leg: the inertia of this axis while the other one is free.
         poses = max(legs, key=lambda each: each.inverse_mass[:, axis, axis].max())

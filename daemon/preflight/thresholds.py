@@ -9,6 +9,7 @@ The bounds, for each axis:
     quantity                         the most that it can be
     -------------------------------  -----------------------------------------------------------
     load at rest, wrong              twice the load, shown with the wrong sign, and breakaway
+                                     there
     load in the self-test, wrong     the same without friction, which cancels there
     gap of sent and measured effort  the effort limit
     mean deviation of a stride       what guidance gives up to the tracking limit
@@ -33,12 +34,13 @@ from typing import Final, NamedTuple
 from gaitd_toml import ConfigError, Errors
 
 from daemon.config.bundle import Settings
-from daemon.config.robot import friction_parameters, leg_parameters
+from daemon.config.robot import friction_over_position, friction_parameters, leg_parameters
 from daemon.config.settings import Impedance
 from daemon.core.motion.gait_shape import load_at
 from daemon.core.safety.checks import EFFORT_MARGIN_RATIO
-from daemon.core.safety.limits import AxisLimits, hip_limits, slide_limits
+from daemon.core.safety.limits import AxisLimits, axis_limits
 from daemon.preflight import workspace
+from observer.mechanism.friction import at_position
 
 PHASES: Final = 60
 """Number of poses over the stride."""
@@ -84,13 +86,22 @@ Row = tuple[Path, str, float, float, str]
 """File, key, value, the most that is compared with it, and where that comes from."""
 
 
+class _Rest(NamedTuple):
+    """An axis at rest in one pose."""
+
+    load_si: float
+    """Its size."""
+    breakaway_si: float
+    """Friction there."""
+
+
 class _Axis(NamedTuple):
     """What the bounds of one axis are computed from; rad and N m, or m and N."""
 
     keys: _Keys
     limits: AxisLimits
-    load_si: float
-    """The largest load at rest over the poses of the gait."""
+    rests: tuple[_Rest, ...]
+    """Over the poses of the gait."""
     gait_speed_si: float
     range_si: float
     effort_si: float
@@ -126,22 +137,27 @@ def _axes(settings: Settings) -> tuple[_Axis, ...]:
     loads = [load_at(leg, motion.position) for motion in motions]
     frictions = friction_parameters(settings.robot)
     hold, guidance = _stiffness(settings.trainer.hold), _stiffness(gait.impedance)
-    limits = (
-        hip_limits(settings.limits, frictions[0].stribeck),
-        slide_limits(settings.limits, frictions[1].stribeck),
-    )
+    limits = axis_limits(settings.limits, settings.robot)
     return tuple(
         _Axis(
             keys=keys,
             limits=own,
-            load_si=max(abs(load[number]) for load in loads),
+            rests=tuple(
+                _Rest(
+                    abs(load[number]),
+                    at_position(friction, over, motion.position[number]).stribeck,
+                )
+                for load, motion in zip(loads, motions, strict=True)
+            ),
             gait_speed_si=max(abs(motion.velocity[number]) for motion in motions),
             range_si=own.position_max_si - own.position_min_si,
             effort_si=EFFORT_MARGIN_RATIO * own.effort_max_si,
             held_si=min(hold[number] * own.hold_distance_max_si, own.effort_max_si),
             guided_si=min(guidance[number] * own.tracking_max_si, own.effort_max_si),
         )
-        for number, (keys, own) in enumerate(zip(_KEYS, limits, strict=True))
+        for number, (keys, own, friction, over) in enumerate(
+            zip(_KEYS, limits, frictions, friction_over_position(settings.robot), strict=True)
+        )
     )
 
 
@@ -152,9 +168,12 @@ def _stiffness(impedance: Impedance) -> tuple[float, float]:
 def _efforts(settings: Settings, axis: _Axis) -> Iterator[Row]:
     keys, limits, file = axis.keys, axis.limits, settings.file.limits
     name, unit = keys.axis, keys.effort
-    static_si, tested_si = 2.0 * axis.load_si + limits.breakaway_si, 2.0 * axis.load_si
-    loaded = f"over the gait the {name} carries up to {axis.load_si:.4g} {unit}"
-    if axis.load_si <= limits.breakaway_si:  # nothing hangs on it: only its sensor can be wrong
+    load_si = max(rest.load_si for rest in axis.rests)
+    static_si = max(2.0 * rest.load_si + rest.breakaway_si for rest in axis.rests)
+    tested_si = 2.0 * load_si
+    loaded = f"over the gait the {name} carries up to {load_si:.4g} {unit}"
+    nothing_hangs_on_it = all(rest.load_si <= rest.breakaway_si for rest in axis.rests)
+    if nothing_hangs_on_it:  # only its sensor can be wrong
         static_si = tested_si = limits.effort_max_si
         loaded = f"{name}.{keys.effort_max} is {limits.effort_max_si:g}"
     wrong = f"{loaded}, and a drive that shows it with the wrong sign"

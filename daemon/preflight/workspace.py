@@ -19,6 +19,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.config.robot import Frictions
 from daemon.config.settings import Gait
 from daemon.core.motion.gait_shape import gait_angles, gait_shape, joints_of_angles
 from observer.jit import inline, kernel
@@ -27,7 +28,6 @@ from observer.mechanism.linkage import dynamics
 from observer.mechanism.mechanism import singularity_ratio
 from observer.mechanism.parameters import LegParameters
 
-Frictions = tuple[FrictionParameters, FrictionParameters]
 Pair = tuple[float, float]
 """Hip and slide."""
 Vector = NDArray[np.float64]

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from empty_runs import ROBOT_FILE, write_csv
+from empty_runs import ROBOT_FILE, empty_run, shipped_friction, write_csv
 from gaitd_toml import load_toml
 from one_axis import (
     CONSTANT_N,
@@ -25,11 +25,13 @@ from typer.testing import CliRunner
 
 from analysis.calibration import fit, session
 from analysis.calibration.advice import advice
+from analysis.calibration.likelihood import Surprises
 from analysis.calibration.motion import prepare
 from analysis.calibration.page import tables
 from analysis.calibration.process_noise import process_noise, with_process_noise
 from analysis.calibration.quantities import OFFSETS, SLOPE_SCALE, SLOPES, frame_of
 from analysis.calibration.session import Calibration, calibrate, middle_of
+from analysis.recording import RecordingError
 from analysis.replay import Source, estimate, read
 from daemon.config.edits import replaced
 from daemon.config.settings import Robot
@@ -182,6 +184,58 @@ def test_a_quantity_that_is_kept_has_the_file_s_value_in_every_search(run, monke
     assert 0.1 not in begun
     assert searches(kept=[SLOPES[1]])[1] == {0.1}
     assert searches(free, [SLOPES[1]])[1] == {0.1}
+
+
+def test_a_file_with_which_no_motion_can_be_computed_is_refused_with_what_to_do():
+    robot = replaced(load_toml(ROBOT_FILE, Robot), {"geometry.thigh_length_m": 0.25})
+
+    with pytest.raises(RecordingError, match="the robot file does not fit the recording"):
+        calibrate([empty_run(shipped_friction(), duration_s=12.0)], robot)
+
+
+class Steep:
+    """A likelihood whose slope is lost beyond a value, or wherever the search begins."""
+
+    def __init__(self, frame, motion, lost_from):
+        self.frame, self.motion, self.lost_from = frame, motion, lost_from
+        self.row = np.arange(20)
+        self.begun = None
+
+    def surprises(self, free):
+        self.begun = free[0] if self.begun is None else self.begun
+        lost = np.nan if free[0] - self.begun > self.lost_from else 0.0
+        return Surprises(np.full(20, 9.0 - 3.0 * (free[0] - self.begun)) + lost, np.ones(20))
+
+    def derivatives(self, free, which):
+        base = self.surprises(free)
+        dz = np.zeros((20, len(which)))
+        dz[:, 0] = (-3.0 if free[0] - self.begun <= 0.0 else np.inf) + 0.0 * base.z
+        return base, dz, np.zeros((20, len(which)))
+
+
+def test_a_search_ends_where_the_likelihood_has_no_slope_any_more():
+    robot = load_toml(ROBOT_FILE, Robot)
+    motion = prepare([empty_run(shipped_friction(), duration_s=10.0).recording])
+    frame = frame_of(robot, middle_of(motion))
+    free, which = frame.free(frame.natural), np.arange(2)
+
+    def searched(lost_from):
+        likelihood = Steep(frame, motion, lost_from)
+        likelihood.surprises(free)
+        return fit._walk(
+            fit._Search(likelihood, free, free.copy(), which, lambda *_: None, ()), free[which], 9
+        )
+
+    ended, never_begun = searched(9.0), searched(-1.0)
+
+    assert (ended.why, ended.step_count) == ("", 1)
+    assert np.array_equal(ended.free, free)
+    assert ended.begun() is ended
+    assert never_begun.loss == np.inf
+    with pytest.raises(
+        RecordingError, match=r"at 0\.01 s, hip .* the leg of the robot file cannot"
+    ):
+        never_begun.begun()
 
 
 def emps(config) -> Path | None:

@@ -8,6 +8,7 @@ from sessions import CONFIGS, changed_configs
 
 from daemon.config.robot import considered
 from daemon.config.settings import Robot
+from daemon.ipc.transport import RING_NAME, RingHeader, RingWriter
 from daemon.preflight.load import load
 from tests.observer.trainer import PATIENT, encoded, gait, simulate
 
@@ -87,6 +88,43 @@ def test_a_recording_with_too_few_strides_is_refused(recorded, tmp_path):
     assert ran.code == 2
     assert "strides; a baseline needs at least 8" in ran.err
     assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("baseline", "--robot", CONFIGS / "robot.toml", "--output", "baseline.toml"),
+        ("calibrate", "--robot", CONFIGS / "robot_empty.toml", "--output", "robot.toml"),
+        ("calibrate", "--robot", CONFIGS / "robot_empty.toml", "--check"),
+        ("delay",),
+    ],
+    ids=["baseline", "calibrate", "check", "delay"],
+)
+def test_a_recording_of_two_legs_is_asked_of_which(tmp_path, monkeypatch, command):
+    monkeypatch.chdir(tmp_path)
+    ring = tmp_path / RING_NAME
+    header = RingHeader(
+        core_boot_id="test",
+        start_utc_ns=0,
+        period_ns=10_000_000,
+        trainer="trainer",
+        drive_names=("right/hip", "right/slide", "left/hip", "left/slide"),
+        leg_names=("right", "left"),
+        config_hashes={},
+        version="test",
+        robot={},
+        limits={},
+    )
+    RingWriter(ring, header).close()
+    name, *options = command
+
+    ran = gaitd(name, ring, *options)
+    one = gaitd(name, ring, *options, "--leg", "left")
+
+    assert (ran.code, one.code) == (2, 2)
+    assert f"{ring}: has right and left: choose one with --leg" in ran.err
+    assert "the observer ran in none of its 0 records" in one.err
+    assert list(tmp_path.iterdir()) == [ring]
 
 
 def test_the_service_takes_the_baseline_that_a_leg_names(baseline, tmp_path):

@@ -56,7 +56,10 @@ START_S: Final = 60.0
 HANDS_S: Final = 1.5
 """Time for it; the switch is then as before."""
 MEASURED: Final = (
-    (r"(?m)^  (right, \w+: [a-z ]+|step \d+ of .*)\n", ""),  # progress, as often as it was asked
+    (
+        r"(?m)^  (right, \w+: [a-z ]+|setting up the drives: .*)\n",
+        "",
+    ),  # progress, as often as it was asked
     (r"(?m)^\d\d:\d\d:\d\d .*\n", ""),  # the newest events
     (r"A drive has (a fault|reported an error)", "FAULT"),  # statusword and EMCY race
     (r"(?m)^not valid: no message on .*\n", ""),  # a busy computer, by whose clock `wait` listens

@@ -23,7 +23,7 @@ from daemon.core.modes.persistent_state import PersistentState, PoseRules, Wirin
 from daemon.core.motion.assist import AssistRules
 from daemon.core.motion.gait_shape import gait_shape
 from daemon.core.safety.clonus import ClonusWatch
-from daemon.core.safety.limits import AxisLimits, Categories, hip_limits, slide_limits, thresholds
+from daemon.core.safety.limits import AxisLimits, Categories, axis_limits, thresholds
 from daemon.core.safety.spasm import SpasmRules, SpasmWatch
 from daemon.core.safety.stop_sequence import StopRules
 from daemon.core.state import Axis, Core, Leg, Observers
@@ -74,12 +74,8 @@ class Built:
 
 def build(settings: Settings, boot_id: str, persistent: PersistentState) -> Built:
     """Build a core from the configuration and the persistent state of its last run."""
-    friction = friction_parameters(settings.robot)
     limits = settings.limits
-    by_axis = (
-        hip_limits(limits, friction[0].stribeck),
-        slide_limits(limits, friction[1].stribeck),
-    )
+    by_axis = axis_limits(limits, settings.robot)
     legs = tuple(
         _leg(settings, leg, by_axis, index * SECOND_LEG_PHASE)
         for index, leg in enumerate(settings.legs)

@@ -7,6 +7,8 @@ from typing import NamedTuple
 from gaitd_names import Cause, StopCategory
 
 from daemon.config.limit_settings import HipLimits, Limits, SlideLimits
+from daemon.config.robot import friction_range
+from daemon.config.settings import Robot
 from daemon.wire.causes import FIXED_CATEGORY
 
 NS_PER_MS = 1_000_000
@@ -42,13 +44,22 @@ class AxisLimits(NamedTuple):
     static_load_tolerance_si: float
     standstill_si_per_s: float
     breakaway_si: float
-    """Static friction of the axis: a clearly larger effort must move it."""
+    """Static friction of the axis, where it is greatest: a clearly larger effort must move it."""
     brake: bool
     assist_max_si: float
     assist_rate_max_si_per_s: float
     assist_power_max_w: float
     enable_max_cycles: int = 25
     """Longest time until the drive is enabled and follows, from its axis file."""
+
+
+def axis_limits(limits: Limits, robot: Robot) -> tuple[AxisLimits, AxisLimits]:
+    """Limits of hip and slide, with the greatest breakaway along each axis.
+
+    Where an axis is stuck is not known: only more than the greatest friction shows a stuck one.
+    """
+    _, (hip, slide) = friction_range(robot, limits)
+    return hip_limits(limits, hip.stribeck), slide_limits(limits, slide.stribeck)
 
 
 def hip_limits(limits: Limits, breakaway_nm: float) -> AxisLimits:

@@ -160,6 +160,11 @@ SOFT = [
         *("trainer.toml", "slide.edge_n = 250.0", "slide.edge_n = 500.0"),
         *("hand_guiding.slide.edge_n", "500.0", "or a wider soft margin"),
     ),
+    row(
+        *("robot.toml", "hip.slope_per_rad = 0.0", "hip.slope_per_rad = 0.6"),
+        *("hand_guiding.hip.edge_nm", "40.0", "the margin against shaking is 0.90"),
+        of="trainer.toml",
+    ),
 ]
 
 

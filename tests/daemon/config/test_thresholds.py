@@ -110,6 +110,19 @@ def test_a_threshold_outside_its_range_or_its_object_is_a_warning(tmp_path, chan
     assert why in warned(tmp_path, *changes)[key]
 
 
+@pytest.mark.parametrize(("slope", "last", "first"), [(1.0, 251.0, 252.0), (-1.0, 315.0, 316.0)])
+def test_a_load_that_is_wrong_is_hidden_by_the_friction_of_its_place(tmp_path, slope, last, first):
+    rising = Change("robot.toml", "slide.slope_per_m = 0.0", f"slide.slope_per_m = {slope}")
+    shipped = "load_tolerance_n = 110.0"
+
+    def keys(name, value):
+        tolerance = Change(LIMITS, shipped, f"load_tolerance_n = {value}")
+        return warned(tmp_path / name, rising, tolerance)
+
+    assert "slide.static_load_tolerance_n" not in keys("acting", last)
+    assert "slide.static_load_tolerance_n" in keys("idle", first)
+
+
 def test_where_nothing_hangs_on_an_axis_its_effort_limit_is_the_bound(tmp_path):
     configs = copied(tmp_path)
     hil = configs / "hil.toml"

@@ -34,7 +34,8 @@ SET_UP = Progress(ProgressCode.SETTING_UP, "right/hip", (3, 168))
         (Mode.READY, None, Verdict(), None, "Ready, drives off [ready]"),
         (
             *(Mode.BRINGING_UP, Stage.PREPARING, Verdict(), SET_UP),
-            "Machine gets ready, is prepared, step 3 of 168 right, hip [bringing_up]",
+            "Machine gets ready, is prepared, "
+            "setting up the drives: 3 of 168 steps done (right, hip) [bringing_up]",
         ),
         (
             *(Mode.GAIT, Stage.PLAYING, Verdict(), Progress(ProgressCode.EXERCISING, "", (3.0,))),
