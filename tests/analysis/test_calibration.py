@@ -97,6 +97,13 @@ def silent(_words: str, _share: float) -> None:
     """Progress that is not shown."""
 
 
+def in_few_steps(run: Source, robot: Robot) -> Calibration:
+    """A calibration whose searches end early; those of the thorough tests go on."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("analysis.calibration.fit.STEPS_MAX", 14)
+        return calibrate([run], robot)
+
+
 @pytest.fixture(scope="module")
 def shipped():
     """A machine with one spring weak, a glitch, a hole; a calibration that begins 40 % off.
@@ -115,7 +122,7 @@ def shipped():
     rows[500, 1] += 0.3
     rows[900:903, 2] = np.nan
     run = run._replace(recording=recording("glitch.csv", rows))
-    return run, calibrate([run], file_off())
+    return run, in_few_steps(run, file_off())
 
 
 @pytest.fixture(scope="module")
@@ -160,7 +167,7 @@ def bristled_run(*, slide: bool, duration_s: float) -> Source:
 @pytest.fixture(scope="module")
 def resting():
     """A calibration of a machine with bristles whose slide does not move; the file has none."""
-    return calibrate([bristled_run(slide=False, duration_s=DURATION_S)], robot_file())
+    return in_few_steps(bristled_run(slide=False, duration_s=DURATION_S), robot_file())
 
 
 @pytest.fixture(params=[1, pytest.param(2, marks=pytest.mark.thorough)])
@@ -371,7 +378,7 @@ def test_a_soft_transmission_is_found_by_its_windup():
     shafts = of_joints(joints, robot, Compliances(0.0, -compliance))
     frame = frame_of(robot, middle_of(joints))
     bristles = [axis * LAW_SIZE + at for axis in (0, 1) for at in range(LAW_SIZE)[BRISTLES]]
-    start = Fit(frame, frame.natural, (), 0.0, 0, frozenset((*CANDIDATES, *bristles)), "")
+    start = Fit(frame, frame.natural, (), 0.0, 0, frozenset((*CANDIDATES, *bristles)), str)
 
     def fitted(motion: Motion) -> Fit:
         likelihood = Likelihood(frame, motion, ~motion.held_out)
