@@ -155,8 +155,9 @@ class Fit:
     step_count: int
     fixed: frozenset[int]
     """Values that were not fitted, noise among them."""
-    rival: str
-    """Another optimum that explains the recording equally well with other values; empty if none."""
+    rival: Callable[[], str]
+    """Searches another optimum that explains the recording equally well with other values; empty
+    if there is none. It takes as long as a fit: for the law alone that is used."""
 
 
 class _End(NamedTuple):
@@ -378,14 +379,20 @@ def fit(
         for i in range(COUNT)
     )
     count = max(len(likelihood.row), 1)
-    margin, rival = EQUAL_PER_SAMPLE * count, ""
-    for end in ends:
-        other = _back(frame, end.free, reasons)
-        if end.loss < first.loss + margin and _disagreement(frame, other, results):
-            # With the same values fixed as in the best: a flat valley is no second optimum.
-            again = walk_fine(other)
-            if again.loss < identified.loss + margin:
-                rival = rival or _disagreement(frame, again.free, results)
+    margin = EQUAL_PER_SAMPLE * count
+
+    def rival() -> str:
+        for end in ends:
+            other = _back(frame, end.free, reasons)
+            if end.loss < first.loss + margin and _disagreement(frame, other, results):
+                # With the same values fixed as in the best: a flat valley is no second optimum.
+                again = walk_fine(other)
+                if again.loss < identified.loss + margin and (
+                    found := _disagreement(frame, again.free, results)
+                ):
+                    return found
+        return ""
+
     loss = fine.surprises(free).loss / count
     steps = sum(end.step_count for end in ends)
     return Fit(frame, natural, results, loss, steps, frozenset(reasons), rival)

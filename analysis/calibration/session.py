@@ -264,7 +264,7 @@ def calibrate(
     needless = why_needless(before, after)
     found: dict[MissedLimit, str] = {
         "mechanism": "" if checked.well else f"{checked}; correct that in the robot file",
-        "two_optima": two_optima(made.rival) if made.rival else "",
+        "two_optima": two_optima(rival) if (rival := made.rival()) else "",
         "other_effect": other_effect(seen[used], made.natural, motion),
         "false_effort": "" if needless else worse_axis(before, after, made.natural, judged),
     }

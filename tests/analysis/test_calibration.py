@@ -15,7 +15,7 @@ from analysis.calibration.advice import advice, slower_than_gait
 from analysis.calibration.bristles import with_bristles
 from analysis.calibration.fit import AS_GIVEN, AS_GOOD_WITHOUT, OF_SPRING, Fit, fitted_on
 from analysis.calibration.likelihood import Likelihood, scores
-from analysis.calibration.motion import Motion, prepare
+from analysis.calibration.motion import prepare
 from analysis.calibration.process_noise import (
     law_uncertainty,
     process_noise,
@@ -97,6 +97,13 @@ def silent(_words: str, _share: float) -> None:
     """Progress that is not shown."""
 
 
+def in_few_steps(run: Source, robot: Robot) -> Calibration:
+    """A calibration whose searches end early; those of the thorough tests go on."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("analysis.calibration.fit.STEPS_MAX", 14)
+        return calibrate([run], robot)
+
+
 @pytest.fixture(scope="module")
 def shipped():
     """A machine with one spring weak, a glitch, a hole; a calibration that begins 40 % off.
@@ -115,7 +122,7 @@ def shipped():
     rows[500, 1] += 0.3
     rows[900:903, 2] = np.nan
     run = run._replace(recording=recording("glitch.csv", rows))
-    return run, calibrate([run], file_off())
+    return run, in_few_steps(run, file_off())
 
 
 @pytest.fixture(scope="module")
@@ -160,7 +167,7 @@ def bristled_run(*, slide: bool, duration_s: float) -> Source:
 @pytest.fixture(scope="module")
 def resting():
     """A calibration of a machine with bristles whose slide does not move; the file has none."""
-    return calibrate([bristled_run(slide=False, duration_s=DURATION_S)], robot_file())
+    return in_few_steps(bristled_run(slide=False, duration_s=DURATION_S), robot_file())
 
 
 @pytest.fixture(params=[1, pytest.param(2, marks=pytest.mark.thorough)])
@@ -359,6 +366,7 @@ def test_an_offset_beside_a_spring_is_in_the_spring_s_rest(shipped):
 def test_a_rigid_machine_keeps_the_transmissions_of_its_file(shipped):
     _, made = shipped
 
+    assert softness(made.fit, made.motion, made.robot, silent) == {}
     assert [one.reason for one in made.transmission] == [AS_GIVEN, AS_GIVEN]
     assert made.robot.transmission == file_off().transmission
     assert not [key for key in made.values("x") if "transmission" in key]
@@ -371,15 +379,11 @@ def test_a_soft_transmission_is_found_by_its_windup():
     shafts = of_joints(joints, robot, Compliances(0.0, -compliance))
     frame = frame_of(robot, middle_of(joints))
     bristles = [axis * LAW_SIZE + at for axis in (0, 1) for at in range(LAW_SIZE)[BRISTLES]]
-    start = Fit(frame, frame.natural, (), 0.0, 0, frozenset((*CANDIDATES, *bristles)), "")
+    start = Fit(frame, frame.natural, (), 0.0, 0, frozenset((*CANDIDATES, *bristles)), str)
 
-    def fitted(motion: Motion) -> Fit:
-        likelihood = Likelihood(frame, motion, ~motion.held_out)
-        free = fitted_on(start, likelihood, silent, frame.free(frame.natural))
-        return replace(start, natural=frame.from_free(free))
-
-    assert softness(fitted(joints), joints, robot, silent) == {}
-    found = softness(fitted(shafts), shafts, robot, silent)
+    likelihood = Likelihood(frame, shafts, ~shafts.held_out)
+    free = fitted_on(start, likelihood, silent, frame.free(frame.natural))
+    found = softness(replace(start, natural=frame.from_free(free)), shafts, robot, silent)
 
     assert list(found) == [1]
     assert found[1][0] == pytest.approx(compliance, rel=0.1)

@@ -2,7 +2,8 @@
 
 The simulated axis sets the trap of a recorded one: a short range, over which a spring that is not
 there can take the place of friction; a constant force; an encoder a hundred times better than the
-file says. The recorded axis itself is tested with `--recordings=FOLDER`.
+file says. A whole calibration of it in `make test` is that of `tests/gaitd/test_real_data.py`. The
+recorded axis itself is tested with `--recordings=FOLDER`.
 """
 
 from dataclasses import replace
@@ -67,6 +68,7 @@ def assert_true(made: Calibration) -> None:
     assert found(made, "slide drive mass") == pytest.approx(MASS_KG, rel=0.01)
 
 
+@pytest.mark.thorough
 def test_friction_mass_and_a_constant_force_of_a_short_axis_are_found(made):
     assert_true(made)
     offset = made.fit.results[OFFSETS[1]]
@@ -76,6 +78,7 @@ def test_friction_mass_and_a_constant_force_of_a_short_axis_are_found(made):
     assert made.after.slide_rms_n < 0.2 * made.before.slide_rms_n
 
 
+@pytest.mark.thorough
 def test_a_machine_without_a_spring_gets_none_and_hears_of_none(made):
     said = [
         plain(tables(made)[0]),
@@ -89,6 +92,7 @@ def test_a_machine_without_a_spring_gets_none_and_hears_of_none(made):
     assert not [key for key in made.values("x") if key.startswith("springs")]
 
 
+@pytest.mark.thorough
 def test_calibrated_process_noise_gives_nis_its_distribution_on_another_recording(made):
     """Before it the observer expected ten times more than happens, as on a recorded axis."""
     other = one_axis_run(seed=2)
@@ -182,6 +186,9 @@ def test_a_quantity_that_is_kept_has_the_file_s_value_in_every_search(run, monke
 
     free, begun = searches()
     assert 0.1 not in begun
+    assert [one.exists for one in free.results if one.quantity.key.startswith("springs")] == 4 * [
+        False
+    ]
     assert searches(kept=[SLOPES[1]])[1] == {0.1}
     assert searches(free, [SLOPES[1]])[1] == {0.1}
 

@@ -18,8 +18,9 @@ def recorded(tmp_path):
 
 
 def test_a_calibration_writes_a_robot_file_and_a_page(recorded, tmp_path, monkeypatch):
-    # Other starts are those of tests/analysis/test_calibration_starts.py.
-    monkeypatch.setattr("analysis.calibration.fit.START_ENCODERS", (1.0,))
+    # Searches that go on are those of tests/analysis/test_calibration.py.
+    monkeypatch.setattr("analysis.calibration.fit.STEPS_MAX", 1)
+    monkeypatch.setattr("analysis.calibration.fit.NOISE_STEPS_MAX", 1)
     before = tmp_path / "before.toml"
     text = ROBOT_FILE.read_text().replace("coulomb_nm = 6.0", "coulomb_nm = 9.0")  # no hump
     before.write_text(text)

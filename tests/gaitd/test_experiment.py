@@ -258,7 +258,10 @@ def earlier(effort: np.ndarray, cycles: float) -> np.ndarray:
     return np.diff([np.interp(edge, np.arange(len(held)), held) for edge in edges], axis=0)[0]
 
 
-@pytest.mark.parametrize("cycles", [-1.0, -0.4, 0.0, 0.3, 1.0, 1.5, 2.0])
+@pytest.mark.parametrize(
+    "cycles",
+    [-1.0, 0.3, 2.0, *(pytest.param(one, marks=pytest.mark.thorough) for one in (-0.4, 0.0, 1.5))],
+)
 def test_a_shift_of_the_efforts_is_measured(quick, machine, cycles):
     effort = np.column_stack([earlier(quick.effort[:, axis], cycles) for axis in range(2)])
     shifted = Recording("shifted", quick.time_s, quick.position, effort)

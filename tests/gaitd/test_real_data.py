@@ -91,8 +91,9 @@ def tables(recordings, tmp_path_factory):
     """What the command prints as JSON."""
     output = tmp_path_factory.mktemp("page")
     with pytest.MonkeyPatch.context() as patch:
-        # Other starts are those of tests/analysis/test_calibration_starts.py.
+        # Other starts, and searches that go on, are those of tests/analysis.
         patch.setattr("analysis.calibration.fit.START_ENCODERS", (1.0,))
+        patch.setattr("analysis.calibration.fit.STEPS_MAX", 6)
         patch.setattr("gaitd_lab.studies.real_data.measured_patient.SEEDS", 1)
         patch.setattr("gaitd_lab.studies.real_data.measured_patient.STRIDES", 8)
         patch.setattr("gaitd_lab.studies.real_data.study.CADENCES_HZ", (0.5,))

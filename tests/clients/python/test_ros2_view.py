@@ -250,7 +250,9 @@ def test_a_router_that_is_not_there_is_named():
     assert "tcp/127.0.0.1:9: no router of ROS listens there" in ended.stderr
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.thorough)]
+)
 def test_a_signal_ends_the_view_without_a_word(tmp_path, number):
     router = Router(f"unixsock-stream/{tmp_path}/ros")
     shown = subprocess.Popen(

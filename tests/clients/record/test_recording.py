@@ -267,7 +267,7 @@ def kept_of(path):
 def test_whatever_a_kill_or_a_power_cut_leaves_has_all_up_to_the_last_sync(published, tmp_path):
     """Each file is cut at any byte behind its last sync, and may end in bytes never written."""
     (tmp_path / "killed").mkdir()
-    part, syncs, _ = part_of(published, tmp_path / "killed", 3000)
+    part, syncs, _ = part_of(published, tmp_path / "killed", 1200)
     draw = random.Random(24)
     for number in range(60):
         copy = tmp_path / f"{number}{PART}"
