@@ -25,7 +25,7 @@ from daemon.config.edits import Edits
 from daemon.ipc.record import CycleRecord
 from daemon.ipc.transport import RingError, RingReader
 from daemon.system.clock import AgeClock, MonotonicClock
-from gaitd_lab.processes import ServiceError, ServiceProcesses, Tempo
+from gaitd_lab.processes import ManagedProcess, ServiceError, ServiceProcesses, Tempo
 from simtime.clock import PageClock
 from simtime.link import LinkLostError, SocketLink
 from simtime.wire import Role
@@ -45,6 +45,9 @@ RUN_MAX_NS: Final = 1_000_000_000
 NS_PER_S: Final = 1_000_000_000
 REAL_TIME: Final = 1.0
 DRIVES_READY_S: Final = 60.0
+LISTENERS: Final = Path("/proc/net/tcp")
+LISTENS: Final = "0A"
+"""State of a socket there that listens."""
 
 
 class Service(ServiceProcesses):
@@ -111,11 +114,27 @@ class Service(ServiceProcesses):
 
         self.wait(on_bus, DRIVES_READY_S)
 
+    def start_gateway(self) -> ManagedProcess:
+        """Start the gateway and wait until it listens: its start takes no simulated time."""
+        gateway = self.start("gateway")
+        is_held = self.is_on_simulated_bus and self.runs("sim")
+        with self.held() if is_held else contextlib.nullcontext():
+            while not self._is_listened_on():
+                gateway.check()
+                time.sleep(POLL_S)
+        return gateway
+
+    def _is_listened_on(self) -> bool:
+        """Return whether a process listens on the port of the service."""
+        rows = (row.split() for row in LISTENERS.read_text(encoding="ascii").splitlines())
+        port = f":{self.zenoh_port:04X}"
+        return any(row[1].endswith(port) and row[3] == LISTENS for row in rows)
+
     def start_all(self) -> Self:
         """Start every part; does not wait for the service to be ready."""
         self.start_drives()
         self.start("core")
-        self.start("gateway")
+        self.start_gateway()
         return self
 
     def runs(self, part: str) -> bool:

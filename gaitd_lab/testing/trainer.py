@@ -187,7 +187,7 @@ class VirtualTrainer(Service):
             self.start("core")
             self.wait(lambda: self.boot_id() not in {before, ""}, TIMEOUT_S)
         if not self.runs("gateway"):
-            self.start("gateway")
+            self.start_gateway()
         for part in ("core", "gateway"):
             self.kill(part, signal.SIGCONT)
 

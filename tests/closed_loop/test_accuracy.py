@@ -15,9 +15,9 @@ def assert_within(scores, *, hip_nm, slide_n):
 
 
 def test_in_gait_at_a_quarter_hertz_the_patient_is_seen_as_he_is(session):
-    passive = scores(session, 4)
+    passive = scores(session, 2)
     session.command("patient active")
-    session.run(2)
+    session.run(1)
     active = scores(session, 4)
 
     assert_within(passive, hip_nm=0.3, slide_n=2.0)
@@ -27,7 +27,7 @@ def test_in_gait_at_a_quarter_hertz_the_patient_is_seen_as_he_is(session):
 
 def test_in_gait_at_half_a_hertz_the_patient_is_still_seen(warm_fast_gait):
     warm_fast_gait.command("patient active")
-    warm_fast_gait.run(2)
+    warm_fast_gait.run(1)
 
     active = scores(warm_fast_gait, 2)
 
@@ -62,6 +62,6 @@ def test_the_numbers_do_not_hang_on_one_seed(tmp_path, seed):
 
 def test_drives_that_speak_per_mille_do_the_same_job(warm_generic_gait):
     warm_generic_gait.command("patient active")
-    warm_generic_gait.run(2)
+    warm_generic_gait.run(1)
 
     assert_within(scores(warm_generic_gait, 2), hip_nm=0.6, slide_n=3.0)

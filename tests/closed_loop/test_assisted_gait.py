@@ -163,7 +163,7 @@ def test_the_end_of_a_gait_ends_its_assist_without_a_lapse(walking):
     assert controller.running
     leg.exercise = replace(leg.exercise, plan=replace(leg.exercise.plan, duration_s=0.0))
     session.run_until(lambda record: record.mode == Mode.HOLD, within_s=8)
-    session.run(0.5)
+    session.run(0.3)
 
     record = session.record
     assert record.assist.lapse_count == 0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from gaitd_names import EventCode, Mode, RequestKind, Stage
 from msgspec.structs import replace as replace_fields
-from sessions import CONFIGS
+from sessions import CONFIGS, briefly_announced
 
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.ipc.record import ModeRequest
@@ -23,7 +23,7 @@ def session():
     patient = settings.robot.patient
     light = replace_fields(patient, mass_kg=0.85 * patient.mass_kg)
     settings = replace(settings, robot=replace_fields(settings.robot, patient=light))
-    made = LockstepSession(settings).enable()
+    made = LockstepSession(briefly_announced(settings)).enable()
     made.command("patient passive")
     wanted = ModeRequest(Mode.GAIT, 0.4, 1.0, duration_s=33.0, baseline=True)
     made.execute(RequestKind.MODE, wanted)

@@ -75,9 +75,7 @@ def set_halt_option(session, option):
 
 
 @pytest.mark.parametrize("mode", [CSP, CST], ids=lambda mode: mode.name)
-@pytest.mark.parametrize(
-    ("kind", "option"), [("epos4", None), ("generic", 1), ("generic", 2), ("generic", 3)]
-)
+@pytest.mark.parametrize(("kind", "option"), [("epos4", None), ("generic", 1), ("generic", 2)])
 def test_a_halt_brakes_holds_in_operation_enabled_and_goes_on_when_released(
     warm_enabled, option, mode
 ):

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from gaitd_names import Cause, EventCode, Mode, Outcome, RequestKind
 from records import both
-from reports import verdict_of
 from sessions import elsewhere, reported
 
 from drives.canopen.frame import Frame
@@ -89,8 +88,10 @@ STATES = ("position", "velocity", "friction", "patient")
         (False, unplug_a_drive),
     ],
 )
-def test_without_drives_no_record_repeats_what_they_had_shown(warm_gait, warm_ready, walking, lose):
-    session = warm_gait if walking else warm_ready
+def test_without_drives_no_record_repeats_what_they_had_shown(
+    warm_fast_gait, warm_ready, walking, lose
+):
+    session = warm_fast_gait if walking else warm_ready
     lose(session)
     session.run(1.0)
 
@@ -151,7 +152,7 @@ def test_a_heartbeat_that_comes_back_enables_nothing(session):
     since = len(session.bus.sent)
 
     gone[0] = False
-    session.run(3)
+    session.run(1)
 
     assert session.record.mode == Mode.FAULT
     assert not any(
@@ -201,7 +202,7 @@ def test_a_drive_that_rebooted_is_not_brought_up_again_before_a_reset(session):
     session.run_until(lambda record: not record.mode.active, within_s=1)
     since = len(session.bus.sent)
 
-    session.run(5)
+    session.run(1.5)
 
     assert session.record.mode == Mode.FAULT
     assert set(nmt(session, since)) <= {"0205"}
@@ -213,7 +214,7 @@ def test_a_drive_that_rebooted_is_not_brought_up_again_before_a_reset(session):
 
 
 @pytest.mark.parametrize("can_id", [TPDO1, TPDO2])
-@pytest.mark.parametrize("length", [0, 6, 9], ids=lambda n: f"{n} bytes")
+@pytest.mark.parametrize("length", [6, 9], ids=lambda n: f"{n} bytes")
 def test_tpdos_of_another_length_are_never_used_and_stop_both_axes_when_they_go_on(
     session, can_id, length
 ):
@@ -364,21 +365,3 @@ def test_a_shutdown_in_the_cycle_of_a_reset_waits_until_the_reset_has_switched_o
     warm_hold.shut_down()
 
     assert power_states(warm_hold) == {"SWITCH_ON_DISABLED"}
-
-
-# --- one event for each cause ---------------------------------------------------------------------
-
-
-def test_a_following_error_is_told_once_and_stops_both_axes(session):
-    session.command("emcy right/hip - 0x8611")
-    session.run(2)
-
-    assert len(stops_told(session)) == 1
-    causes = [
-        verdict_of(event).cause
-        for event in reported(session.records, EventCode.STOPPED, EventCode.FURTHER_CAUSE)
-    ]
-    assert causes.count(Cause.EMERGENCY) <= 1
-    assert causes.count(Cause.DRIVE_FAULT) <= 1
-    assert session.record.mode == Mode.FAULT
-    assert session.record.drives[1].power_state == PowerState.QUICK_STOP_ACTIVE

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from gaitd_names import Cause, Mode, RequestKind, StopCategory
 from records import both
-from sessions import CONFIGS, changed_configs, new_session
+from sessions import CONFIGS, briefly_announced, changed_configs, new_session
 
 from daemon.config.robot import leg_parameters
 from daemon.core.modes.persistent_state import PersistentState
@@ -29,7 +29,7 @@ SLIDE = "right/slide"
 
 def walking(ability, *, proven=True, law=FrictionLaw.PAPER, cadence_hz=CADENCE_HZ, serial=True):
     """A session in which a patient of this ability has begun to walk."""
-    settings = load(CONFIGS / "demo.toml")
+    settings = briefly_announced(load(CONFIGS / "demo.toml"))
     _, plant = load_plant(settings.file)
     plant = msgspec.structs.replace(
         plant, friction=msgspec.structs.replace(plant.friction, law=law)

@@ -92,7 +92,7 @@ def test_a_whole_gait_moves_its_targets_without_a_step_and_ends_in_hold(warm_pos
 
     session.request(RequestKind.MODE, gait)
     session.run_until(lambda record: record.mode == Mode.HOLD, within_s=30)
-    session.run(0.5)
+    session.run(0.1)
 
     speed = np.abs(np.diff(targets_si(session, begun), axis=0)).max(axis=0) / 0.01
     change = np.abs(np.diff(targets_si(session, begun), n=2, axis=0)).max(axis=0) / 0.01**2
@@ -134,10 +134,9 @@ def test_every_mode_that_guidance_plays_has_the_drives_in_position_mode_and_foll
 # --- stops ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("at_s", [0.0, 0.9])
-def test_a_stop_in_the_middle_brakes_and_holds_by_the_drives_loops(warm_fast_position_gait, at_s):
+def test_a_stop_in_the_middle_brakes_and_holds_by_the_drives_loops(warm_fast_position_gait):
     session = warm_fast_position_gait
-    session.run(at_s)
+    session.run(0.9)
     begun, told = len(session.records), len(session.bus.sent)
 
     session.gateway.stop()
@@ -342,7 +341,7 @@ def test_an_excitation_of_a_leg_that_never_rests_is_over_and_says_why(
 def left_in_torque_mode(session):
     """Mode hold just after an excitation: the moving drives are not yet asked to change."""
     session.excite("open_loop", 25.0)
-    session.run(2.0)
+    session.run(0.7)
     session.execute(RequestKind.MODE, HOLD)
     return session
 
@@ -369,14 +368,14 @@ def test_a_gait_is_announced_for_its_time_after_the_drives_have_changed_their_mo
 @pytest.mark.parametrize("quickly", [False, True], ids=["held by the core", "quick stop"])
 def test_a_stop_leaves_the_drives_in_the_mode_in_which_it_finds_them(warm_empty_hold, quickly):
     session = warm_empty_hold.excite("open_loop", 25.0)
-    session.run(1.7)
+    session.run(0.7)
     before = len(session.bus.sent)
 
     if quickly:
         session.command("hand_switch_open *")
     else:
         session.gateway.stop()
-    session.run(1.5)
+    session.until(Mode.FAULT, within_s=1.5)
 
     assert session.record.mode == Mode.FAULT
     told = [one for node in NODES for one in rpdo1(session.bus.sent[before:], node)]
@@ -391,7 +390,7 @@ def test_a_following_error_stops_both_axes_once_and_says_so(warm_fast_position_g
     warm_fast_position_gait.run(0.8)
     warm_fast_position_gait.command("blocked_rotor right/hip")
 
-    warm_fast_position_gait.run(2)
+    warm_fast_position_gait.run(0.8)
 
     record = warm_fast_position_gait.record
     stops = reported(warm_fast_position_gait.records, EventCode.STOPPED, EventCode.FURTHER_CAUSE)
@@ -411,10 +410,10 @@ def test_a_patient_who_leans_on_a_leg_that_the_drives_hold_is_no_fault(tmp_path)
     session = new_session(position_guidance(tmp_path, stronger)).enable()
     session.command("patient pushes")
 
-    session.run(3)
+    session.run(2)
 
     assert session.record.mode == Mode.HOLD
-    efforts = [record.drives[0].effort for record in session.records[-300:]]
+    efforts = [record.drives[0].effort for record in session.records[-200:]]
     assert max(map(abs, efforts)) > 20
 
 

@@ -4,7 +4,7 @@ import math
 from itertools import pairwise
 
 import pytest
-from gaitd_names import Cause, Doubt, EventCode, Failure, Mode, Outcome, RefusalCode, RequestKind
+from gaitd_names import Cause, Doubt, EventCode, Mode, Outcome, RefusalCode, RequestKind
 from records import both
 from sessions import changed_configs, new_session, reported, single_axis_run
 from wire import change_what_drives_say
@@ -123,21 +123,6 @@ def test_the_stroke_of_a_homing_is_asked_for_by_one_edge_of_bit_4(warm_homed):
     ]
     rises = [new for old, new in pairwise(words) if new & ~old & 0x10]
     assert rises == [0x1F]
-
-
-def test_homing_that_is_blocked_fails_with_its_reason_and_references_nothing(incremental):
-    asked(incremental, HIP)
-    incremental.run_until(lambda record: record.mode == Mode.REFERENCE, within_s=10)
-    incremental.run(1.0)
-    incremental.command("blocked_rotor right/hip")
-
-    begun = len(incremental.records)
-    incremental.run_until(lambda record: record.mode != Mode.REFERENCE, within_s=60)
-    incremental.until(Mode.READY)
-
-    (failed,) = reported(incremental.records[begun:], EventCode.SINGLE_AXIS_FAILED)
-    assert (failed.subject, failed.values) == (HIP, (Failure.HOMING_ERROR,))
-    assert referenced(incremental) == [False, False]
 
 
 def test_a_stop_during_homing_ends_in_fault_and_references_nothing(incremental):
@@ -282,11 +267,11 @@ def test_a_damaged_pose_is_not_believed_where_a_missing_one_would_be(tmp_path):
 
 def test_the_pose_is_stored_at_an_orderly_stop_and_followed_while_nothing_is_driven(warm_hold):
     before = warm_hold.state_file.persistent.axis(HIP).position_si
-    warm_hold.run(2.0)
+    warm_hold.run(1.1)
     assert warm_hold.state_file.persistent.axis(HIP).position_si == before
 
     warm_hold.request(RequestKind.DISABLE)
-    warm_hold.run(4.0)
+    warm_hold.run(3.0)
 
     stored, there = warm_hold.state_file.persistent, warm_hold.record.drives
     assert stored.axis(HIP).position_si == pytest.approx(there[0].position, abs=2e-4)
@@ -294,7 +279,7 @@ def test_the_pose_is_stored_at_an_orderly_stop_and_followed_while_nothing_is_dri
 
 
 def test_an_unreferenced_axis_stores_no_pose(incremental):
-    incremental.run(2.0)
+    incremental.run(1.1)
 
     assert incremental.state_file.persistent.axes == {}
 
@@ -366,11 +351,11 @@ def test_a_drive_that_cannot_home_is_brought_up_as_before_and_the_request_refuse
 
 def test_an_encoder_that_jumps_at_rest_is_not_believed_and_its_pose_not_stored(tmp_path):
     session = new_session(changed_configs(tmp_path, *STRICT[:2])).until_ready()
-    session.run(1.5)
+    session.run(1.1)
     before = session.state_file.persistent.axis(HIP).position_si
 
     session.command("encoder_glitch right/hip 60 5000")
-    session.run(3.0)
+    session.run(1.5)
 
     assert referenced(session) == [False, True]
     assert session.state_file.persistent.axis(HIP).position_si == before
@@ -415,12 +400,6 @@ def assert_homed_trusted_and_enabled(session, records):
     assert session.record.legs[0].hip.position == pytest.approx(truth.hip_angle_rad, abs=1e-3)
     assert Validity.BAD not in both(session.record.legs[0], "validity")
     assert session.request(RequestKind.ENABLE).outcome == Outcome.DONE
-
-
-def test_a_stretched_leg_whose_hip_has_its_origin_off_is_homed_without_a_stop(tmp_path):
-    session = off_by(tmp_path, -0.1)
-
-    assert_homed_trusted_and_enabled(session, home(session, HIP))
 
 
 def test_estimate_and_pose_of_a_leg_count_again_from_the_cycle_that_finds_home(tmp_path):

@@ -32,7 +32,20 @@ MODES = [mode for mode in Mode if mode not in {Mode.TORQUE, Mode.BRINGING_UP}]
 """Mode torque is entered with a lease; its tests are with those of leases. Bring-up has its own."""
 
 
-@pytest.fixture(scope="module", params=MODES, ids=list(MODES))
+FEW = (Mode.READY, Mode.HOLD, Mode.GAIT, Mode.FAULT, Mode.COMMISSION)
+"""One without power, two with, after a stop, and of one axis alone; the others are played at night.
+
+The rules of all are in `tests/daemon/core/modes`.
+"""
+
+
+@pytest.fixture(
+    scope="module",
+    params=[
+        pytest.param(mode, id=mode, marks=() if mode in FEW else pytest.mark.thorough)
+        for mode in MODES
+    ],
+)
 def warm_mode(request, tmp_path_factory) -> tuple[Mode, LockstepSession]:
     """A machine in each mode."""
     mode = request.param
@@ -106,7 +119,7 @@ def test_a_stop_is_obeyed_in_every_mode_that_moves_and_harms_in_none(warm_mode):
     mode, session = warm_mode
 
     session.gateway.stop()
-    session.run(1.0)
+    session.run(0.4)
 
     record = session.record
     assert not record.mode.active

@@ -260,7 +260,7 @@ def warm_short(tmp_path_factory):
 @pytest.mark.parametrize(
     ("finding", "before"),
     [
-        (Finding.NOT_MOVED_FORTH, MotionPhase.REST),
+        pytest.param(Finding.NOT_MOVED_FORTH, MotionPhase.REST, marks=pytest.mark.thorough),
         (Finding.NOT_MOVED_BACK, MotionPhase.TURN),
     ],
 )

@@ -17,7 +17,7 @@ def enabling(configs):
 
 def test_a_drive_that_may_take_a_second_is_enabled_and_held(tmp_path):
     session, answer = enabling(changed_configs(tmp_path, MAY))
-    session.run(2.0)
+    session.run(1.2)
 
     assert (answer.outcome, session.record.mode) == (Outcome.DONE, Mode.HOLD)
     assert all(axis.sensed.reached_enabled for axis in session.core.axes)
@@ -26,7 +26,7 @@ def test_a_drive_that_may_take_a_second_is_enabled_and_held(tmp_path):
 @pytest.mark.parametrize("changes", [(), ((*MAY[:2], "node_id = 5\nenable_max_ms = 400\n"),)])
 def test_one_that_takes_longer_than_its_file_says_is_a_stop(tmp_path, changes):
     session, _ = enabling(changed_configs(tmp_path, *changes))
-    session.run(2.0)
+    session.run(1.2)
 
     verdict = session.record.verdict
     assert (verdict.cause, verdict.drive) == (Cause.DRIVE_LEFT_ENABLED, "right/hip")

@@ -65,14 +65,11 @@ def test_a_stop_that_holds_begins_for_both_drives_between_the_same_two_syncs(war
     ("cause", "words"),
     [
         ("hand_switch_open right/slide", (QS, QS)),
-        ("hand_switch_open right/hip", (QS, QS)),
-        ("sto_open right/slide", (OFF, OFF)),
         ("sto_open right/hip", (OFF, OFF)),
         ("encoder_glitch right/hip - 3000", (OFF, QS)),
         ("encoder_glitch right/slide - 3000", (QS, OFF)),
         ("silent right/hip", (OFF, QS)),
         ("silent right/slide", (QS, OFF)),
-        ("emcy right/slide - 0x2310", (QS, QS)),
         ("emcy right/hip - 0x2310", (QS, QS)),
     ],
 )
@@ -80,7 +77,7 @@ def test_a_stop_reaches_both_drives_between_the_same_two_syncs(warm_guided_gait,
     begun = len(list(cycles(warm_guided_gait.bus.sent))) - 1
 
     warm_guided_gait.command(cause)
-    warm_guided_gait.run(0.3)
+    warm_guided_gait.run(0.12)
 
     told = words_by_cycle(warm_guided_gait.bus.sent)[begun:]
     pairs = [tuple(one[node] for node in NODES) for one in told]
@@ -192,7 +189,7 @@ def test_a_stop_from_every_state_energises_nothing(warm_begin, state, category):
     sent = len(warm_begin.bus.sent)
 
     warm_begin.gateway.stop()
-    warm_begin.run(0.8)
+    warm_begin.run(0.4)
 
     frames = warm_begin.bus.sent[sent:]
     for node in NODES:

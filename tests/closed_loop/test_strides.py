@@ -34,11 +34,11 @@ def true_work(session, index, stride):
 def test_strides_are_as_long_as_the_gait_says_and_their_work_is_right_within_two_percent(
     warm_fast_gait,
 ):
-    session = pushed(warm_fast_gait, 10.0)
+    session = pushed(warm_fast_gait, 8.0)
 
     found = strides_of(session)
     assert [stride.number for _, stride in found] == list(range(1, len(found) + 1))
-    assert len(found) >= 4
+    assert len(found) >= 3
     for index, stride in found[2:]:
         hip_j, slide_j = true_work(session, index, stride)
         assert stride.hip.work_positive_j == pytest.approx(hip_j, rel=0.02)
@@ -49,7 +49,7 @@ def test_strides_are_as_long_as_the_gait_says_and_their_work_is_right_within_two
 
 
 def test_a_held_leg_makes_no_stride(warm_hold):
-    warm_hold.run(4.0)
+    warm_hold.run(2.0)
 
     assert not strides_of(warm_hold)
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 import msgspec
 import pytest
 from gaitd_names import Cause, EventCode, Mode, RequestKind
-from sessions import CONFIGS, reported
+from sessions import CONFIGS, briefly_announced, reported
 from wire import change_what_drives_hear
 
 from daemon.preflight.load import load
@@ -25,7 +25,7 @@ def counted():
     cycle = msgspec.structs.replace(settings.trainer.cycle, sync_counter=7)
     trainer = msgspec.structs.replace(settings.trainer, cycle=cycle)
     settings = replace(settings, file=replace(settings.file, trainer=trainer))
-    session = LockstepSession(settings)
+    session = LockstepSession(briefly_announced(settings))
     change_what_drives_hear(
         session, lambda frame: Frame(SYNC, b"") if frame.can_id == SYNC else frame
     )
@@ -39,7 +39,7 @@ def warm_counted():
 
 @pytest.fixture(scope="module")
 def warm_counted_gait():
-    return counted().walk(duration_s=2)
+    return counted().walk()
 
 
 def syncs(session, since=0):
@@ -102,14 +102,14 @@ def test_the_counter_begins_again_when_the_nodes_are_started_again(warm_counted)
 
 
 @pytest.mark.parametrize("pause", [pause_while_waiting, pause_after_sync])
-@pytest.mark.parametrize("pause_ms", [4, 9, 12, 35, 200])
+@pytest.mark.parametrize("pause_ms", [4, 12, 35])
 def test_after_a_pause_there_is_no_burst_and_the_counter_goes_on(
     warm_counted_gait, pause, pause_ms
 ):
     before = len(warm_counted_gait.bus.sent)
 
     pause(warm_counted_gait, pause_ms * MS)
-    warm_counted_gait.run(0.5)
+    warm_counted_gait.run(0.2)
 
     frames = syncs(warm_counted_gait, before)
     times_ms = [frame.time_ns / MS for frame in frames]

@@ -63,7 +63,7 @@ def test_torque_never_rises_faster_than_its_rate_over_any_switch_that_keeps_powe
         session.run(2.0 if wanted.mode == Mode.EXCITE else 0.5)
     session.run_until(lambda record: record.mode == Mode.HOLD, within_s=20)
     session.request(RequestKind.MODE, GAIT)
-    session.run(9.0 if guidance == "position" else 1.0)
+    session.run(6.5 if guidance == "position" else 1.0)
     ended_rows = len(session.truth.rows)
     end_by(session, end)
 

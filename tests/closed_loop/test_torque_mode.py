@@ -77,7 +77,7 @@ def test_assist_moves_the_leg_to_where_the_controller_wants_it(session):
     start_rad = session.record.drives[0].position
     in_torque(session, towards(start_rad + 0.1, stiffness_nm_per_rad=150.0))
 
-    session.run(3)
+    session.run(2)
 
     record = session.record
     assert (record.mode, record.verdict.cause) == (Mode.TORQUE, Cause.NONE)
@@ -89,7 +89,7 @@ def test_without_assist_the_leg_is_carried_and_stays(session):
     in_torque(session, constant())
     start = both(session.record.legs[0], "measured_position")
 
-    session.run(3)
+    session.run(1)
 
     record = session.record
     assert record.mode == Mode.TORQUE

@@ -7,7 +7,7 @@ import re
 
 import pytest
 from gaitd_names import Cause, Mode, RequestKind
-from sessions import changed_configs
+from sessions import briefly_announced, changed_configs
 
 from daemon.preflight.load import load
 from drives.signals import PowerState
@@ -63,10 +63,10 @@ def warm_unlike(tmp_path_factory):
     maker = {"personality": '"elmo_gold"', "eds": '"drives/elmo_gold.eds"'}
     plant.write_text(head + hip + changed(slide, SLIDE | maker))
 
-    settings = load(configs / "two_legs.toml")
+    settings = briefly_announced(load(configs / "two_legs.toml"))
     truth = {leg.name: TruthLog(None) for leg in settings.legs}
     session = LockstepSession(settings, virtual_machine(settings.file, truth=truth))
-    return session.walk(cadence_hz=0.5, duration_s=4.3), truth
+    return session.walk(cadence_hz=0.5, duration_s=2.0), truth
 
 
 def test_each_leg_is_where_its_own_drives_say_and_its_patient_is_passive(warm_unlike):

@@ -40,7 +40,7 @@ def test_offsets_of_an_earlier_master_move_no_joint(position_configs):
     begun = len(session.truth.rows) - 1
 
     session.enable()
-    session.run(2.0)
+    session.run(1.0)
 
     assert [value(session, *place) for place in places] == [0] * len(places)
     assert session.record.mode == Mode.HOLD
@@ -59,12 +59,12 @@ def test_an_offset_that_came_during_a_session_is_gone_after_a_reset_without_a_st
     put(session, "right/hip", POSITION_OFFSET, 40)  # 0.14 deg: below what is noticed
     session.execute(RequestKind.RESET)
     session.until(Mode.READY)
-    session.run(2.0)
+    session.run(1.2)
     assert value(session, "right/hip", POSITION_OFFSET) == 0
     begun = len(session.truth.rows) - 1
 
     session.execute(RequestKind.ENABLE)
-    session.run(1.0)
+    session.run(0.5)
 
     assert moved(session, begun)[0] < 0.005
 
@@ -92,7 +92,7 @@ def test_a_leg_that_is_pushed_out_of_its_hold_is_not_let_go(warm_hold, axis, pus
     patient = session.machine.trainers["right"]
     begun = len(session.truth.rows) - 1
 
-    for cycle in range(300):
+    for cycle in range(200):
         share = min(1.0, (cycle + 1) * 0.01 / rise_s) if rise_s else 1.0
         patient.exert(share * push[0], share * push[1])
         session.run(0.01)

@@ -10,11 +10,13 @@ from pathlib import Path
 import pytest
 from bus_recorder import Wiretap
 from gaitd_names import Mode, Outcome, RequestKind
-from sessions import changed_configs, new_session
+from sessions import CONFIGS, changed_configs, new_session
 from trace_comments import explained
 
 from daemon.ipc.record import ModeRequest
+from daemon.preflight.load import load
 from drives.signals import PowerState
+from gaitd_lab.lockstep import LockstepSession
 
 FOLDER = Path(__file__).parents[1] / "traces" / "sessions"
 SETTLED_S = 0.05
@@ -60,7 +62,7 @@ def stop(session):
 def quick_stop():
     """The hand switch (60FDh bit 16) opens while walking (S1): quick stop of both drives in the
     same cycle, their ramps by 605Ah = 6, then they hold in quick stop active, bit 10 set."""
-    session = new_session().walk(duration_s=2.0)
+    session = LockstepSession(load(CONFIGS / "demo.toml")).walk(duration_s=2.0)
     wire = Wiretap(session.machine.world)
     session.command("hand_switch_open *")
     session.run(0.3)

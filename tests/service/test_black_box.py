@@ -85,7 +85,7 @@ def test_when_both_are_killed_the_next_gateway_keeps_the_ring_that_it_finds(walk
     last = walking.newest().seq
     assert kept(walking, boot_id, "core_ended") is None
 
-    walking.start("gateway")
+    walking.start_gateway()
     walking.wait(lambda: kept(walking, boot_id, "core_ended"), 60)
 
     file = kept(walking, boot_id, "core_ended")
@@ -110,7 +110,7 @@ def test_when_both_are_killed_and_the_core_is_back_first_its_ring_is_still_kept(
 
     assert (run / PREVIOUS_RING_NAME).exists()
     assert not (run / "records.new").exists()
-    walking.start("gateway")
+    walking.start_gateway()
     walking.wait(lambda: kept(walking, boot_id, "core_ended"), 60)
     assert kept(walking, boot_id, "core_ended").kept.last_seq == last
     walking.wait(lambda: not (run / PREVIOUS_RING_NAME).exists(), 60)

@@ -145,7 +145,7 @@ def test_a_lease_says_why_setpoints_are_refused_and_outlives_the_gateway(long_se
             assert isinstance(activity.newest(), NotValid)
             with pytest.raises(NoAnswerError, match="not connected"):
                 early.status()
-            long_service.start("gateway")
+            long_service.start_gateway()
             assert next(item for item in estimates if not isinstance(item, NotValid)).cycle
             assert next(item for item in activity if not isinstance(item, NotValid)).cycle
         assert lease.why_not

@@ -140,7 +140,7 @@ def test_a_training_is_recorded_from_enable_to_disable_and_replayed(long_service
         published = []
         trainer.activity("right", keep=KEPT).call(published.append)
         long_service.bring(Mode.GAIT)
-        long_service.run(3.0)
+        long_service.run(1.0)
         long_service.bring(Mode.READY)
         long_service.run(3.0)
         long_service.wait(lambda: len(beside.events()) > 2, 60)

@@ -153,7 +153,7 @@ def test_a_core_that_comes_back_after_2_s_finds_its_drives_stopped_says_so_and_e
     "number",
     [
         signal.SIGSTOP,
-        signal.SIGKILL,
+        pytest.param(signal.SIGKILL, marks=pytest.mark.thorough),
         pytest.param(signal.SIGTERM, marks=pytest.mark.thorough),
     ],
 )
@@ -169,7 +169,7 @@ def test_a_gateway_that_hangs_or_ends_makes_the_core_hold_and_its_return_enables
         service.kill("gateway", signal.SIGCONT)
     else:
         assert gateway.wait(10) == (0 if number == signal.SIGTERM else -number)
-        service.start("gateway")
+        service.start_gateway()
     service.wait(lambda: service.newest().gateway_age_cycles < GATEWAY_SILENCE_CYCLES, TIMEOUT_S)
     cycles_later(service)
     seen.read_bus()

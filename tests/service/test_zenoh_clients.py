@@ -26,7 +26,7 @@ from processes import Service
 
 CONFIGURATION_ERROR = 2
 SAMPLES = 100
-COMING_AND_GOING = 15
+COMING_AND_GOING = 5
 HANDFUL = 4
 PIDFD_GETFD = 438
 """System call number, the same on all architectures (Linux 5.6)."""

@@ -4,13 +4,16 @@ import multiprocessing
 import shutil
 import warnings
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from gaitd_names import EventCode, Mode, RequestKind
+from msgspec.structs import replace as replace_fields
 
 from analysis.accuracy import Score, score
+from daemon.config.bundle import Settings
 from daemon.core.modes.persistent_state import PersistentState
 from daemon.ipc.record import CycleRecord, ModeRequest
 from daemon.ipc.report import Event
@@ -21,11 +24,18 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 AXES = ("hip", "slide")
 
 
+def briefly_announced(settings: Settings) -> Settings:
+    """The same, but a gait is announced for half a second."""
+    gait = replace_fields(settings.trainer.gait, announce_s=0.5)
+    trainer = replace_fields(settings.trainer, gait=gait)
+    return replace(settings, file=replace(settings.file, trainer=trainer))
+
+
 def new_session(
     configs: Path = CONFIGS, persistent: PersistentState | None = None
 ) -> LockstepSession:
-    """The service and the machine of a folder's demo.toml, at power-on."""
-    return LockstepSession(load(configs / "demo.toml"), persistent=persistent)
+    """The service and the machine of a folder's demo.toml, at power-on, briefly announced."""
+    return LockstepSession(briefly_announced(load(configs / "demo.toml")), persistent=persistent)
 
 
 def restarted(session: LockstepSession) -> LockstepSession:

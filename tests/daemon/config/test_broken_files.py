@@ -1035,14 +1035,12 @@ def run_of(tmp_path, endpoint, *changes):
 
 
 def test_run_ends_with_the_refusal_of_its_core(tmp_path):
-    demo, run = run_of(tmp_path, "", *REFUSED_BY_WHAT_IS_SWEPT["a dead core that runs too far"])
+    demo, run = run_of(tmp_path, "", *REFUSED_BY_WHAT_IS_SWEPT["an EDS that is none"])
 
     assert run.returncode == 2
     starting, refused = run.stderr.splitlines()
     assert starting.startswith("gaitd: starting")
-    assert refused.startswith(
-        f"configuration error: {demo.parent / 'limits.toml'}: hip.torque_max_nm"
-    )
+    assert refused.startswith(f"configuration error: {demo.parent / 'drives/hip_epos4.toml'}: eds")
 
 
 def test_run_ends_with_a_configuration_error_where_another_program_has_the_port(tmp_path):
