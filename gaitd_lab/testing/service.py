@@ -115,14 +115,20 @@ class Service(ServiceProcesses):
         self.wait(on_bus, DRIVES_READY_S)
 
     def start_gateway(self) -> ManagedProcess:
-        """Start the gateway and wait until it listens: its start takes no simulated time."""
+        """Start the gateway and wait until it listens: its start takes no simulated time.
+
+        Raises:
+            ServiceError: it has ended, or does not listen.
+        """
         gateway = self.start("gateway")
         is_held = self.is_on_simulated_bus and self.runs("sim")
         with self.held() if is_held else contextlib.nullcontext():
-            while not self._is_listened_on():
+            for _ in range(round(HANG_S / POLL_S)):
+                if self._is_listened_on():
+                    return gateway
                 gateway.check()
                 time.sleep(POLL_S)
-        return gateway
+        raise ServiceError(f"the gateway does not listen after {HANG_S:g} s\n{self.logs()}")
 
     def _is_listened_on(self) -> bool:
         """Return whether a process listens on the port of the service."""

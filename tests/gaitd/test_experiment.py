@@ -260,7 +260,8 @@ def earlier(effort: np.ndarray, cycles: float) -> np.ndarray:
 
 @pytest.mark.parametrize(
     "cycles",
-    [-1.0, 0.3, 2.0, *(pytest.param(one, marks=pytest.mark.thorough) for one in (-0.4, 0.0, 1.5))],
+    [-1.0, 0.3, 2.0]
+    + [pytest.param(one, marks=pytest.mark.thorough) for one in (-0.4, 0.0, 1.0, 1.5)],
 )
 def test_a_shift_of_the_efforts_is_measured(quick, machine, cycles):
     effort = np.column_stack([earlier(quick.effort[:, axis], cycles) for axis in range(2)])

@@ -191,14 +191,18 @@ def test_the_time_of_an_answer_does_not_depend_on_when_it_was_read():
     assert verdicts == {700_000}
 
 
-def test_no_time_of_an_answer_is_told_where_the_wall_clock_was_set_or_its_reading_interrupted():
-    stamp_ns = SYNC_NS + MS + AHEAD_NS
-    torn = pair(SYNC_NS + 2 * MS, interrupted_ns=2 * KNOWN_WITHIN_NS)
+@pytest.mark.parametrize("ahead_ns", [AHEAD_NS, 1 - SYNC_NS], ids=["2026", "1970"])
+def test_no_time_of_an_answer_is_told_where_the_wall_clock_was_set_or_its_reading_interrupted(
+    ahead_ns,
+):
+    stamp_ns = SYNC_NS + MS + ahead_ns
+    begun = pair(SYNC_NS, ahead_ns)
+    torn = pair(SYNC_NS + 2 * MS, ahead_ns, interrupted_ns=2 * KNOWN_WITHIN_NS)
 
     for step_ns in (-3 * MS, HOUR_NS):
-        stepped = pair(SYNC_NS + 2 * MS, AHEAD_NS + step_ns)
-        assert answered_ns(stamp_ns, pair(SYNC_NS), stepped) is None
-    assert answered_ns(stamp_ns, pair(SYNC_NS), torn) is None
+        stepped = pair(SYNC_NS + 2 * MS, ahead_ns + step_ns)
+        assert answered_ns(stamp_ns, begun, stepped) is None
+    assert answered_ns(stamp_ns, begun, torn) is None
 
 
 def test_the_wall_clock_is_read_between_two_looks_at_the_other():
