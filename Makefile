@@ -2,10 +2,12 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-# Tests of `make quick`: without bus, process and session.
-UNITS := tests/drives tests/daemon
+# Tests of `make quick`: the rules of drives and core, without bus, process and session.
+UNITS := tests/drives tests/daemon/core --ignore=tests/daemon/core/steps/test_two_events.py
 # Compiled tests and modules are kept in __pycache__: otherwise each process compiles them again.
 unexport PYTHONDONTWRITEBYTECODE
+# What the static checks say beside the tests; printed at the end if one of them failed.
+CHECKS := $(VENV)/checks.log
 # Processes of pytest: one more than processors, as many tests wait for other processes; up to 16.
 WORKERS ?= $(shell n=$$(nproc); echo $$((n < 15 ? n + 1 : 16)))
 # Records the CPU-seconds of a step; pytest prints them with its own.
@@ -51,12 +53,13 @@ $(VENV)/display.stamp: requirements/display.txt $(VENV)/run.stamp $(DISPLAY)/pyp
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable $(SESSION) --editable $(DISPLAY) --editable $(ASSIST)
 	@touch $@
 
-quick: check $(VENV)/dev.stamp  ## lint, types, import contracts, unit tests
-	$(BIN)/pytest -q -n $(WORKERS) $(UNITS)
+quick: $(VENV)/dev.stamp  ## lint, types, import contracts, unit tests of drives and core
+	@$(MAKE) --no-print-directory check > $(CHECKS) 2>&1 & \
+	$(BIN)/pytest -q -n $$(nproc) $(UNITS); tests=$$?; \
+	wait $$! || { cat $(CHECKS); exit 1; }; exit $$tests
 
 # The static checks run while the kernels are compiled, and then the gates beside the tests, so that
-# no processor waits; what they say is printed at the end if one of them failed.
-CHECKS := $(VENV)/checks.log
+# no processor waits.
 test: clean-steps $(VENV)/dev.stamp  ## all that a contributor must pass; prints its CPU-seconds
 	@$(MAKE) --no-print-directory check coverage > $(CHECKS) 2>&1 & \
 	$(MAKE) --no-print-directory kernels pytest; tests=$$?; \

@@ -65,6 +65,7 @@ MEASURED: Final = (
     (r"(?m)^not valid: no message on .*\n", ""),  # a busy computer, by whose clock `wait` listens
     (r"\b\d{4}-\d\d-\d\d \d\d:\d\d\b", "DATE"),
     (r"\b\d+:\d\d\b( +\d+\b(?!%))*", "0:00"),  # with the strides behind it, in a summary
+    (r"(?<=N|m), (–|\d+ °C)", ", 0 °C"),  # the drives' temperatures are read in turns
     (r"[-+]?(\d+\.\d+(e[-+]\d+)?|\b\d+(?= N| rad| m\b))", "0.0"),
     (r"\b\d+( ?%| °C| of \d+ steps)", r"0\1"),
     (r"\d+ steps", "0 steps"),

@@ -31,7 +31,7 @@ class Listening:
             return frames
 
         bus.receive_until = receive_until
-        self.session.walk(duration_s=2.0)
+        self.session.walk(duration_s=3.0)
 
     def orders(self):
         """In which orders the four answers to a SYNC have come."""
