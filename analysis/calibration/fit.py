@@ -385,8 +385,9 @@ def fit(
         for end in ends:
             other = _back(frame, end.free, reasons)
             if end.loss < first.loss + margin and _disagreement(frame, other, results):
-                # With the same values fixed as in the best: a flat valley is no second optimum.
-                again = walk_fine(other)
+                # With the same values fixed as in the best: a flat valley is no second optimum. A
+                # search that cannot begin there is none either: its loss is infinite.
+                again = walk(other, within=fine)
                 if again.loss < identified.loss + margin and (
                     found := _disagreement(frame, again.free, results)
                 ):

@@ -160,6 +160,29 @@ def test_two_optima_that_explain_a_recording_equally_well_are_refused(run, tmp_p
     assert not list(tmp_path.glob("*.robot.toml"))
 
 
+def test_a_second_optimum_is_none_where_its_search_cannot_begin(run, monkeypatch):
+    robot = one_axis_file(coulomb_n=14.0, viscous_n_s_per_m=260.0, mass_kg=95.0)
+    motion = prepare([run.recording])
+    begun = []
+
+    def stays(search, x, steps_max):
+        begun.append(search.whole(x))
+        if len(begun) == len(fit.START_ENCODERS) + 2:
+            begun[-1][fit.LAW_SIZE] += np.log(1.4)
+        return fit._End(begun[-1], 0.0, 1)
+
+    monkeypatch.setattr(fit, "_walk", stays)
+    monkeypatch.setattr(fit, "_unidentified", lambda *_: {})
+    monkeypatch.setattr(fit, "robust_covariance", lambda _each, fisher, _rows: 0.0 * fisher)
+    made = fit.fit(frame_of(robot, middle_of(motion)), motion, lambda *_: None)
+    assert "slide coulomb" in made.rival()
+
+    monkeypatch.setattr(
+        fit, "_walk", lambda search, x, steps_max: fit._End(search.whole(x), np.inf, 0, "no slope")
+    )
+    assert made.rival() == ""
+
+
 def test_a_quantity_that_is_kept_has_the_file_s_value_in_every_search(run, monkeypatch):
     robot = one_axis_file(coulomb_n=14.0, viscous_n_s_per_m=260.0, mass_kg=95.0)
     robot = replaced(robot, {"friction_over_position.slide.slope_per_m": 0.1})
