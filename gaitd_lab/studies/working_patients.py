@@ -1,6 +1,7 @@
 """What happens to patients who work: each patient at each cadence on each law of friction.
 
-The shipped configuration in lock-step (`lockstep.py`), its observer beside the plant's truth. The
+The shipped configuration in lock-step (`lockstep.py`), its observer beside the plant's truth. On a
+plant with bristles the robot file has the same bristles, as `gaitd calibrate` finds them. The
 controls are machines that must stop: their observer is wrong, or the patient has a real spasm. With
 two legs each leg has its patient, who varies by a seed of its own.
 """
@@ -20,6 +21,7 @@ from gaitd_names import Cause, Mode, RequestKind
 from numpy.typing import NDArray
 
 from analysis.accuracy import moving
+from analysis.calibration.bristles import with_bristles
 from daemon.config.bundle import Settings
 from daemon.config.robot import friction_parameters
 from daemon.config.settings import Robot
@@ -257,6 +259,8 @@ def _machine_of(settings: Settings, cell: Cell) -> tuple[Settings, PlantFile, Ro
     change = msgspec.structs.replace
     _, plant = load_plant(settings.file)
     plant = change(plant, friction=change(plant.friction, law=cell.law))
+    if cell.law is FrictionLaw.LUGRE:
+        settings = replace(settings, robot=_with_bristles_of(plant, settings.robot))
     robot = None
     if cell.patient == "wrong leg" and settings.robot.patient is not None:
         robot = change(settings.robot, patient=change(settings.robot.patient, mass_kg=WRONG_KG))
@@ -265,6 +269,15 @@ def _machine_of(settings: Settings, cell: Cell) -> tuple[Settings, PlantFile, Ro
     elif cell.patient == "coarse encoder":
         settings, plant = _with_coarse_encoders(settings, plant)
     return settings, plant, robot
+
+
+def _with_bristles_of(plant: PlantFile, robot: Robot) -> Robot:
+    """Return the robot with the plant's bristles, and an integrator that can follow them."""
+    change, keys = msgspec.structs.replace, msgspec.structs.asdict
+    robot, _ = with_bristles(robot, range(2))
+    hip = change(robot.friction.hip, **keys(plant.friction.hip))
+    slide = change(robot.friction.slide, **keys(plant.friction.slide))
+    return change(robot, friction=change(robot.friction, hip=hip, slide=slide))
 
 
 def _with_coarse_encoders(settings: Settings, plant: PlantFile) -> tuple[Settings, PlantFile]:
