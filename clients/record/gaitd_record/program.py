@@ -52,7 +52,7 @@ class Purpose(StrEnum):
     TRAINING = "training"
     """While the drives are enabled on purpose."""
     CALIBRATION = "calibration"
-    """Each run of mode excite."""
+    """Each run of mode excite, and each gait."""
 
     def wants(self, mode: str | None) -> bool:
         """Return whether this mode is recorded; None: a message without a mode."""
@@ -62,7 +62,7 @@ class Purpose(StrEnum):
             case Purpose.TRAINING:
                 return mode is not None and mode not in IDLE
             case Purpose.CALIBRATION:
-                return mode == Mode.EXCITE
+                return mode in {Mode.EXCITE, Mode.GAIT}
 
 
 class Options(NamedTuple):
@@ -199,25 +199,24 @@ class Recorder:
             if is_over or (is_newly_wanted and (was_set or since_ns > LONGEST_NS)):
                 self.end()
         if self._recording is None and is_newly_wanted:
-            self._begin(core, utc_ns)
+            self._begin(core, utc_ns, mode)
             self._begun_cycle = cycle
 
-    def _begin(self, core: str, utc_ns: int) -> None:
+    def _begin(self, core: str, utc_ns: int, mode: str | None) -> None:
         about = About.of(self._configuration(), core, utc_ns)
-        path = self._options.room.folder / self._name(about)
+        path = self._options.room.folder / self._name(about, mode)
         try:
             self._recording = Recording(path, about)
         except OSError as error:
             raise RecordError(f"{path}: {error.strerror}") from error
         self._report(Begun(path))
 
-    def _name(self, about: About) -> str:
+    def _name(self, about: About, mode: str | None) -> str:
         if self._options.purpose is Purpose.CALIBRATION:
-            taken = {
-                path.name.removesuffix(PART) for path in self._options.room.folder.glob("excite_*")
-            }
+            folder = self._options.room.folder
+            taken = {path.name.removesuffix(PART) for path in folder.glob(f"{mode}_*")}
             return next(
-                name for n in range(1, len(taken) + 2) if (name := f"excite_{n}") not in taken
+                name for n in range(1, len(taken) + 2) if (name := f"{mode}_{n}") not in taken
             )
         begun = datetime.fromtimestamp(about.begun_utc_ns // 1_000_000_000, UTC)
         return f"{begun:%Y%m%dT%H%M%SZ}_{about.id[:8]}"

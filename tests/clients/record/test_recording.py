@@ -461,15 +461,17 @@ def test_training_and_calibration_have_the_modes_that_they_are_for(published, tm
     with recorder(published, tmp_path / "calibration", Purpose.CALIBRATION, events) as made:
         for one in published.messages:
             made.add(one)
-        for one in published.messages:  # the same, as if it were excited
-            made.add(one._replace(payload=one.payload.replace(b'"gait"', b'"excite"')))
+        for one in published.messages:  # the same, excited by another core
+            excited = one.payload.replace(b'"gait"', b'"excite"')
+            made.add(one._replace(payload=excited.replace(b'"boot"', b'"reboot"')))
 
     estimates = pq.read_table(training.path / "right.estimates.parquet")
     modes = estimates["mode"].to_pylist()
     assert modes[0] == "hold"
     assert set(modes) == {"hold", "gait", "stopping", "fault"}
     assert read(training.path).first_step_s is None
-    assert [event.path.name for event in events] == ["excite_1", "excite_1"]
+    begun = [event.path.name for event in events if isinstance(event, Begun)]
+    assert begun == ["gait_1", "excite_1"]
 
 
 def test_another_core_is_another_recording_and_a_gap_is_a_loss(published, tmp_path):
