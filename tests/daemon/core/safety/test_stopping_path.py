@@ -70,6 +70,21 @@ def test_the_least_ratio_is_found_among_the_poses_on_the_way(position, velocity,
     assert least_ratio(LEG, position, velocity, ramps, REACTION_S) == pytest.approx(worst, abs=1e-6)
 
 
+def test_the_least_ratio_of_a_leg_that_rests_is_that_of_its_pose():
+    pose = (0.3, 0.6)
+
+    least = least_ratio(LEG, pose, (0.0, 0.0), RAMPS, REACTION_S)
+
+    assert least == pytest.approx(float(singularity_ratio(LEG, np.array(pose))))
+
+
+def test_an_axis_that_goes_backwards_brakes_to_its_end():
+    end = end_of(1.0, -3.0, 15.0, REACTION_S)
+
+    assert end == pytest.approx(1.0 - 3.0 * REACTION_S - 0.3)
+    assert on_ramp(1.0, -3.0, 15.0, 1.0, REACTION_S) == pytest.approx(end)
+
+
 def test_the_gradient_is_that_of_the_ratio_down_to_a_hundredth_and_bounded_below_it():
     _, farthest = slide_ends(LEG, 0.0, 0.02)
     low, high = ((0.0, farthest + step) for step in (-1e-7, 1e-7))
