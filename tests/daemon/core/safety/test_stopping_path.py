@@ -5,7 +5,7 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from safety_inputs import slide_ends
-from sessions import CONFIGS
+from sessions import demo
 
 from daemon.config.robot import leg_parameters
 from daemon.core.safety.stopping_path import (
@@ -18,10 +18,9 @@ from daemon.core.safety.stopping_path import (
     ratio_of,
     reaction_s,
 )
-from daemon.preflight.load import load
 from observer.mechanism.mechanism import singularity_ratio
 
-LEG = leg_parameters(load(CONFIGS / "demo.toml").robot)
+LEG = leg_parameters(demo().robot)
 RAMPS = (15.0, 20.0)
 positions = st.tuples(st.floats(-0.5, 0.9), st.floats(-0.2, 1.2))
 speeds = st.floats(-3.0, 3.0)
