@@ -21,7 +21,7 @@ import msgspec
 from fresh_core import has_been_sent, show
 from gaitd_names import AxisStep, Cause, EventCode, Mode, RequestKind, Role, StopCategory
 from safety_inputs import FEEDBACK, JOINT
-from sessions import CONFIGS
+from sessions import demo
 
 from daemon.core.exercises.single_axis import HomingRules
 from daemon.core.modes.persistent_state import PersistentState
@@ -41,11 +41,10 @@ from daemon.core.steps import (
     wanted,
 )
 from daemon.ipc.record import ModeRequest, Request, RequestResult, Verdict
-from daemon.preflight.load import load
 from drives.cia402.power_state import STATUS_HOMING_ATTAINED, STATUS_TARGET_REACHED
 from drives.signals import DriveFeedback, OperationMode, PowerRequest, PowerState
 
-SETTINGS = load(CONFIGS / "demo.toml")
+SETTINGS = demo()
 NOW = 10_000
 HEARD = Inputs(gateway_state_cycle=NOW, lease=7)
 """The cycle of every transition: ages are kept, and times are counted back from here."""

@@ -5,14 +5,13 @@ from dataclasses import replace
 from typing import Any
 
 import msgspec
-from sessions import CONFIGS
+from sessions import demo
 
 from daemon.core.modes.persistent_state import PersistentState
 from daemon.core.runtime.build import Built, build
 from daemon.core.state import Axis, Core
-from daemon.preflight.load import load
 
-_BUILT = build(load(CONFIGS / "demo.toml"), "test", PersistentState())
+_BUILT = build(demo(), "test", PersistentState())
 
 
 def fresh(persistent: PersistentState = _BUILT.core.persistent) -> Built:

@@ -5,6 +5,7 @@ import shutil
 import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,12 @@ from gaitd_lab.lockstep import LockstepSession
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 AXES = ("hip", "slide")
+
+
+@cache
+def demo() -> Settings:
+    """The shipped demo.toml, read and checked once in a process."""
+    return load(CONFIGS / "demo.toml")
 
 
 def briefly_announced(settings: Settings) -> Settings:

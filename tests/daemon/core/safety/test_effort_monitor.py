@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from safety_inputs import LIMITS
-from sessions import CONFIGS
+from sessions import demo
 
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.core.safety import inverse_dynamics
@@ -22,12 +22,11 @@ from daemon.core.safety.energy import STRIDE_MAX_CYCLES, StrideSum, stride_cycle
 from daemon.core.safety.inverse_dynamics import ROW, InverseDynamics, evaluate, needed
 from daemon.core.safety.joints import Joint
 from daemon.core.safety.sign_response import SAMPLES
-from daemon.preflight.load import load
 from observer.mechanism.friction import OverPosition, at_position, static_friction_of
 from observer.mechanism.mechanism import gravity, mass_matrix
 from tests.observer.mechanics import coriolis, damping
 
-ROBOT = load(CONFIGS / "demo.toml").robot
+ROBOT = demo().robot
 LEG, FRICTIONS = leg_parameters(ROBOT), friction_parameters(ROBOT)
 OVER = OverPosition(0.5, 0.1), OverPosition(-0.8, 0.55)
 LAWS = tuple((tuple(law), tuple(over)) for law, over in zip(FRICTIONS, OVER, strict=True))

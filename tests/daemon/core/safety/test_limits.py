@@ -6,12 +6,11 @@ from itertools import count
 import msgspec
 import pytest
 from msgspec.structs import asdict, replace
-from sessions import CONFIGS
+from sessions import demo
 
 from daemon.core.safety.limits import AxisLimits, Thresholds, hip_limits, slide_limits, thresholds
-from daemon.preflight.load import load
 
-LIMITS = load(CONFIGS / "demo.toml").limits
+LIMITS = demo().limits
 
 
 def numbered(struct, numbers):

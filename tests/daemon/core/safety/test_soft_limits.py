@@ -7,17 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from safety_inputs import THRESHOLDS, slide_ends
-from sessions import CONFIGS
+from sessions import demo
 
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.core.safety import soft_limits
 from daemon.core.safety.limits import hip_limits, slide_limits
 from daemon.core.safety.soft_limits import SoftZone, slowed, zone_at
 from daemon.core.safety.stopping_path import gradient
-from daemon.preflight.load import load
 from observer.mechanism.mechanism import singularity_ratio
 
-SETTINGS = load(CONFIGS / "demo.toml")
+SETTINGS = demo()
 LEG = leg_parameters(SETTINGS.robot)
 FRICTION = friction_parameters(SETTINGS.robot)
 LIMITS = (

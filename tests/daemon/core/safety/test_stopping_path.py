@@ -5,7 +5,7 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from safety_inputs import slide_ends
-from sessions import CONFIGS
+from sessions import demo
 
 from daemon.config.robot import leg_parameters
 from daemon.core.safety.stopping_path import (
@@ -18,10 +18,9 @@ from daemon.core.safety.stopping_path import (
     ratio_of,
     reaction_s,
 )
-from daemon.preflight.load import load
 from observer.mechanism.mechanism import singularity_ratio
 
-LEG = leg_parameters(load(CONFIGS / "demo.toml").robot)
+LEG = leg_parameters(demo().robot)
 RAMPS = (15.0, 20.0)
 positions = st.tuples(st.floats(-0.5, 0.9), st.floats(-0.2, 1.2))
 speeds = st.floats(-3.0, 3.0)
@@ -68,6 +67,21 @@ def test_the_least_ratio_is_found_among_the_poses_on_the_way(position, velocity,
     way = [pose(whole_s * k / 6) for k in range(7)]
     worst = min(float(singularity_ratio(LEG, np.array(one))) for one in way)
     assert least_ratio(LEG, position, velocity, ramps, REACTION_S) == pytest.approx(worst, abs=1e-6)
+
+
+def test_the_least_ratio_of_a_leg_that_rests_is_that_of_its_pose():
+    pose = (0.3, 0.6)
+
+    least = least_ratio(LEG, pose, (0.0, 0.0), RAMPS, REACTION_S)
+
+    assert least == pytest.approx(float(singularity_ratio(LEG, np.array(pose))))
+
+
+def test_an_axis_that_goes_backwards_brakes_to_its_end():
+    end = end_of(1.0, -3.0, 15.0, REACTION_S)
+
+    assert end == pytest.approx(1.0 - 3.0 * REACTION_S - 0.3)
+    assert on_ramp(1.0, -3.0, 15.0, 1.0, REACTION_S) == pytest.approx(end)
 
 
 def test_the_gradient_is_that_of_the_ratio_down_to_a_hundredth_and_bounded_below_it():

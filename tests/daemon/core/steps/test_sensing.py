@@ -6,7 +6,7 @@ import pytest
 from gaitd_names import Doubt, EventCode, Mode
 from msgspec.structs import replace
 from safety_inputs import FEEDBACK, LIMITS, THRESHOLDS
-from sessions import CONFIGS
+from sessions import demo
 from step_inputs import AT_REST, a_core, a_leg, an_axis, now_shows, was_sent
 
 from daemon.config.robot import leg_parameters
@@ -18,7 +18,6 @@ from daemon.core.slices import Placed, Sensed
 from daemon.core.steps import sensing
 from daemon.core.steps.sensing import SensingInputs, news, place, sense
 from daemon.ipc.report import Event
-from daemon.preflight.load import load
 from drives.bringup.bringup import DriveReport
 from drives.cia402.units import AxisScaling
 from drives.signals import OperationMode, PowerState
@@ -343,7 +342,7 @@ def test_after_a_bring_up_an_axis_is_referenced_if_it_was_homed_followed_or_wher
 
 # --- the place of a leg ---------------------------------------------------------------------------
 
-MECHANISM = tuple(map(float, leg_parameters(load(CONFIGS / "demo.toml").robot)))
+MECHANISM = tuple(map(float, leg_parameters(demo().robot)))
 STILL = Reference((0.05, 0.3), (0.0, 0.0), (0.0, 0.0), guided=True)
 MOVING = STILL._replace(velocity=(0.2, -0.1))
 OPEN_LOOP = STILL._replace(guided=False)
