@@ -70,7 +70,6 @@ def test_the_trainer_file_may_be_named_by_the_environment(monkeypatch, tmp_path)
     ("package", "words"),
     [
         ("scipy", ("delay", "x.csv")),
-        ("scipy", ("calibrate", "x.csv", "--robot", "x.toml")),
         ("scipy", ("calibrate", "x.csv", "--robot", "x.toml", "--check")),
         ("matplotlib", ("strides",)),
     ],

@@ -76,7 +76,7 @@ def test_a_service_that_stops_shortens_the_trial(tmp_path):
 
 
 def test_an_artificial_disturbance_counts_as_a_patient(trials):
-    trial = trials.excite("paper", 12.0)
+    trial = trials.excite("paper", 10.6)
 
     assert trial.robot.patient is None
     assert set(np.round(trial.truth[trial.judged, 7])) == {0.0, 30.0}
