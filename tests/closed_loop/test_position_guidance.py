@@ -12,7 +12,6 @@ from sessions import (
     empty_machine,
     new_session,
     position_guidance,
-    reaches_rest_in_fault,
     reported,
     scores,
 )
@@ -168,16 +167,6 @@ def test_a_stop_lets_go_of_what_holds_the_leg_back(warm_position_gait):
     assert warm_position_gait.record.verdict.cause == Cause.STOP_REQUESTED
     assert pushed_nm > 20
     assert abs(axis.sent.position_si - axis.sensed.joint.position_si) < 1e-3
-
-
-def test_a_stop_of_category_1_leaves_braking_to_the_drives(warm_fast_position_gait):
-    warm_fast_position_gait.command("hand_switch_open right/hip")
-
-    reaches_rest_in_fault(warm_fast_position_gait, within_s=2)
-
-    record = warm_fast_position_gait.record
-    assert record.verdict.cause == Cause.HAND_SWITCH_OPEN
-    assert {drive.power_state for drive in record.drives} == {PowerState.QUICK_STOP_ACTIVE}
 
 
 # --- mode switches --------------------------------------------------------------------------
