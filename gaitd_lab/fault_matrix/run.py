@@ -1,4 +1,4 @@
-"""All cells: one session for each column, run through its window, a fork at each cell's moment.
+"""All cells: one session for columns that begin alike, and a fork at each cell's moment.
 
 A fork is a copy of the whole session, so a cell costs only the time after its fault; the session
 continues to the next cell's moment unaffected. Each cell's moment is drawn from its own name and
@@ -45,13 +45,18 @@ def cells(
 
 
 def parts(wanted: Sequence[Cell]) -> list[list[Cell]]:
-    """Split the cells of each column into parts of a few minutes' simulated time."""
+    """Split the cells of columns that begin alike into parts of a few minutes' simulated time."""
     results: list[list[Cell]] = []
-    for mode in dict.fromkeys(cell.mode for cell in wanted):
-        of_mode = [cell for cell in wanted if cell.mode == mode]
-        count = -(-len(of_mode) // PART_COUNT)
-        results += [of_mode[number::count] for number in range(count)]
+    for beginning in dict.fromkeys(map(_beginning, wanted)):
+        alike = [cell for cell in wanted if _beginning(cell) == beginning]
+        count = -(-len(alike) // PART_COUNT)
+        results += [alike[number::count] for number in range(count)]
     return results
+
+
+def _beginning(cell: Cell) -> tuple[object, ...]:
+    column = COLUMNS[cell.mode]
+    return column.begin, column.variant
 
 
 def run(config: Path, wanted: Sequence[Cell], seed: int, jobs: int) -> Iterator[list[CellResult]]:
@@ -65,22 +70,22 @@ def run(config: Path, wanted: Sequence[Cell], seed: int, jobs: int) -> Iterator[
 
 
 def play_part(config: Path, part: Sequence[Cell], seed: int) -> list[CellResult]:
-    """Run cells of one column, from one session."""
+    """Run cells of columns that begin alike, from one session."""
     column = COLUMNS[part[0].mode]
     session = matrix_session(config, column.variant, seed)
     column.begin(session)
     begun_ns = session.world_ns
     gc.freeze()
     results: list[CellResult] = []
-    for delay_s, cell in sorted((_delay_s(cell, column, seed), cell) for cell in part):
+    for delay_s, cell in sorted((_delay_s(cell, seed), cell) for cell in part):
         session.run((begun_ns - session.world_ns) * 1e-9 + delay_s)
-        results.append(_forked(session, column, cell, seed))
+        results.append(_forked(session, COLUMNS[cell.mode], cell, seed))
     return results
 
 
-def _delay_s(cell: Cell, column: Column, seed: int) -> float:
+def _delay_s(cell: Cell, seed: int) -> float:
     """Time of the cell's fork, after the column's start."""
-    return random.Random(f"{seed}/{'/'.join(cell)}").uniform(0.0, column.window_s)
+    return random.Random(f"{seed}/{'/'.join(cell)}").uniform(0.0, COLUMNS[cell.mode].window_s)
 
 
 def _forked(session: LockstepSession, column: Column, cell: Cell, seed: int) -> CellResult:

@@ -14,7 +14,6 @@ from sessions import changed_configs, single_axis_run
 
 from daemon.ipc.record import ModeRequest
 from daemon.preflight.load import load
-from drives.signals import PowerState
 from gaitd_lab.lockstep import LockstepSession
 
 HIP, SLIDE = "right/hip", "right/slide"
@@ -101,7 +100,9 @@ def prepared(session):
     assert session.record.mode == Mode.HOLD
 
 
-def test_a_trainer_is_commissioned_and_trains_two_days_through_a_stop(warm_commissioned, tmp_path):
+def test_a_trainer_is_commissioned_and_trains_a_day_through_a_stop_and_is_tested_the_next(
+    warm_commissioned, tmp_path
+):
     settings = load(changed_configs(tmp_path, *VIRTUAL, *MIRRORED) / "trainer.toml")
     axes = warm_commissioned.axes
     left = {name: replace(axes[name], position_si=START[name]) for name in axes}
@@ -127,10 +128,7 @@ def test_a_trainer_is_commissioned_and_trains_two_days_through_a_stop(warm_commi
     next_day.clock.utc_stepped_ns = 2 * DAY_NS
     for axis in (HIP, SLIDE):
         next_day.command(f"reboot {axis}")
-    prepared(next_day)
-    next_day.execute(RequestKind.MODE, GAIT)
-    next_day.run_until(lambda record: record.gait_phase >= 0.3, within_s=30.0)
+    next_day.until_ready()
 
-    assert next_day.record.mode == Mode.GAIT
-    states = {drive.power_state for drive in next_day.record.drives}
-    assert states == {PowerState.OPERATION_ENABLED}
+    ready(next_day)
+    assert refused(next_day, RequestKind.ENABLE) is RefusalCode.INPUT_UNTESTED

@@ -34,12 +34,10 @@ QS, OFF = QUICK_STOP_WORD, DISABLE_VOLTAGE_WORD
 @pytest.mark.parametrize(
     ("ignored", "nmt", "reached"),
     [
-        ((), False, Step.QUICK_STOP),
         ((QS,), False, Step.DISABLE),
-        ((QS, OFF), False, Step.NMT_STOP),
         ((QS, OFF), True, Step.SILENCE),
     ],
-    ids=["nothing", "quick stop", "disable voltage, too", "NMT stop, too"],
+    ids=["quick stop", "disable voltage and NMT stop, too"],
 )
 def test_what_a_drive_ignores_takes_it_one_step_further_and_no_further(
     session, ignored, nmt, reached
@@ -54,8 +52,7 @@ def test_what_a_drive_ignores_takes_it_one_step_further_and_no_further(
     assert stops[0].step == reached
     record = session.record
     assert record.mode == Mode.FAULT
-    disobeyed = Cause.STOP_NOT_OBEYED if ignored else Cause.HAND_SWITCH_OPEN
-    assert record.verdict.cause == disobeyed
+    assert record.verdict.cause == Cause.STOP_NOT_OBEYED
     last = session.bus.sent[-1].time_ns
     silent = session.bus.now_ns - last > 1_000_000_000
     assert silent == (reached == Step.SILENCE)

@@ -1,7 +1,6 @@
 """Halt (controlword bit 8) from our table to the virtual drives, in both cyclic modes."""
 
 import pytest
-from sessions import POSITION_GUIDANCE, generic_drives, new_session
 from wire import rpdo1
 
 from drives.canopen.bus import Frame
@@ -54,19 +53,9 @@ class ByHand:
         return self.feedbacks[0]
 
 
-@pytest.fixture(scope="module")
-def warm_generic_position_hold(tmp_path_factory):
-    configs = generic_drives(tmp_path_factory.mktemp("generic"))
-    file, before, after = POSITION_GUIDANCE
-    text = (configs / file).read_text()
-    (configs / file).write_text(text.replace(before, after))
-    return new_session(configs).enable()
-
-
 @pytest.fixture
-def warm_enabled(request, kind, mode):
-    make = "generic_" if kind == "generic" else ""
-    return request.getfixturevalue(f"warm_{make}{'position_' if mode is CSP else ''}hold")
+def warm_enabled(request, kind):
+    return request.getfixturevalue(f"warm_{kind}_hold")
 
 
 def set_halt_option(session, option):
@@ -74,8 +63,10 @@ def set_halt_option(session, option):
     session.bus.send([Frame(0x605, bytes((0x2B, 0x5D, 0x60, 0, option, 0, 0, 0)))])
 
 
-@pytest.mark.parametrize("mode", [CSP, CST], ids=lambda mode: mode.name)
-@pytest.mark.parametrize(("kind", "option"), [("epos4", None), ("generic", 1), ("generic", 2)])
+@pytest.mark.parametrize(
+    ("kind", "option", "mode"),
+    [("position", None, CSP), ("generic", 1, CST), ("generic", 2, CST)],
+)
 def test_a_halt_brakes_holds_in_operation_enabled_and_goes_on_when_released(
     warm_enabled, option, mode
 ):

@@ -58,11 +58,6 @@ def warm_led_position(tmp_path_factory):
     return led(tmp_path_factory.mktemp("led"), position_guidance).enable()
 
 
-@pytest.fixture
-def warm_held(request, guidance):
-    return request.getfixturevalue("warm_led" if guidance == "impedance" else "warm_led_position")
-
-
 def released(session: LockstepSession) -> LockstepSession:
     answer = session.request(RequestKind.MODE, RELEASE)
     assert answer.outcome == Outcome.DONE, answer.refusal
@@ -76,17 +71,17 @@ def where(session: LockstepSession) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize(
-    ("way", "guidance"),
+    "way",
     [
-        ("foot_in", "impedance"),
-        ("thigh_down", "position"),
-        pytest.param("thigh_up", "impedance", marks=pytest.mark.thorough),
-        pytest.param("leg_straight", "position", marks=pytest.mark.thorough),
+        "foot_in",
+        "thigh_down",
+        pytest.param("thigh_up", marks=pytest.mark.thorough),
+        pytest.param("leg_straight", marks=pytest.mark.thorough),
     ],
 )
-def test_the_leg_can_be_moved_to_the_end_where_one_gets_out_and_stays_there(warm_held, way):
+def test_the_leg_can_be_moved_to_the_end_where_one_gets_out_and_stays_there(warm_led, way):
     until_s, hip_nm, slide_n = OUT[way]
-    session = released(warm_held)
+    session = released(warm_led)
     begun = where(session)
 
     session.command(f"patient {way}")
@@ -107,8 +102,8 @@ def test_the_leg_can_be_moved_to_the_end_where_one_gets_out_and_stays_there(warm
 
 
 @pytest.mark.parametrize("for_s", [1.0, pytest.param(20.0, marks=pytest.mark.thorough)])
-def test_a_leg_that_is_not_pushed_stays_where_it_is(warm_held, for_s):
-    session = released(warm_held)
+def test_a_leg_that_is_not_pushed_stays_where_it_is(warm_hold, for_s):
+    session = released(warm_hold)
     begun = where(session)
 
     session.run(for_s)
@@ -184,10 +179,10 @@ def test_out_of_it_the_drives_can_be_switched_off_at_once(warm_hold):
     ],
 )
 def test_after_a_stop_the_way_out_is_reset_enable_release(warm_led, line):
-    session = warm_led.walk()
+    session = warm_led
     session.command(line)
     session.run_until(lambda record: record.mode == Mode.FAULT, within_s=4)
-    session.run(1.0)
+    session.run(0.4)
 
     for kind in (RequestKind.RESET, RequestKind.ENABLE):
         answer = session.request(kind)

@@ -213,8 +213,7 @@ def test_a_drive_that_rebooted_is_not_brought_up_again_before_a_reset(session):
 # --- TPDOs that are not as they should be ---------------------------------------------------------
 
 
-@pytest.mark.parametrize("can_id", [TPDO1, TPDO2])
-@pytest.mark.parametrize("length", [6, 9], ids=lambda n: f"{n} bytes")
+@pytest.mark.parametrize(("can_id", "length"), [(TPDO1, 6), (TPDO2, 9)])
 def test_tpdos_of_another_length_are_never_used_and_stop_both_axes_when_they_go_on(
     session, can_id, length
 ):

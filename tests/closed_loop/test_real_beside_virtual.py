@@ -62,7 +62,7 @@ def walked(request, tmp_path_factory):
     session.execute(RequestKind.MODE, gait)
     session.run_until(lambda record: record.gait_phase >= 0, 20)
     session.walks_from = len(session.records)
-    session.run(6.0)
+    session.run(5.0)
     session.walks_to = len(session.records)
     session.motor.hip.wire.cut = True
     session.run_until(lambda record: not record.mode.active, 0.5)

@@ -246,11 +246,8 @@ def test_an_absolute_encoder_whose_homing_was_stopped_is_not_believed(tmp_path):
     assert referenced(session) == [False, True]
 
 
-@pytest.mark.parametrize(
-    "notes", [PersistentState(), PersistentState(damaged=True)], ids=["none", "damaged"]
-)
-def test_without_a_stored_pose_the_trainer_file_decides_and_a_damaged_one_is_none(tmp_path, notes):
-    session = new_session(changed_configs(tmp_path, *STRICT), notes).until_ready()
+def test_without_a_stored_pose_the_trainer_file_decides(tmp_path):
+    session = new_session(changed_configs(tmp_path, *STRICT), PersistentState()).until_ready()
 
     assert referenced(session) == [False, False]
 

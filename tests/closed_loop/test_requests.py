@@ -23,7 +23,6 @@ INCREMENTAL = (
     ("plant.toml", 'encoder = "absolute"', 'encoder = "incremental"'),
 )
 BY_REQUEST = {
-    Mode.GAIT: ModeRequest(Mode.GAIT, 0.25, 1.0, 600.0),
     Mode.EXCITE: ModeRequest(Mode.EXCITE, duration_s=10.0, scenario="open_loop"),
     Mode.HAND_GUIDING: ModeRequest(Mode.HAND_GUIDING),
     Mode.SELF_TEST: ModeRequest(Mode.SELF_TEST),
@@ -32,8 +31,8 @@ MODES = [mode for mode in Mode if mode not in {Mode.TORQUE, Mode.BRINGING_UP}]
 """Mode torque is entered with a lease; its tests are with those of leases. Bring-up has its own."""
 
 
-FEW = (Mode.READY, Mode.HOLD, Mode.GAIT, Mode.FAULT, Mode.COMMISSION)
-"""One without power, two with, after a stop, and of one axis alone; the others are played at night.
+FEW = (Mode.READY, Mode.HOLD, Mode.GAIT, Mode.FAULT)
+"""One without power, two with, and after a stop; the others are played at night.
 
 The rules of all are in `tests/daemon/core/modes`.
 """
@@ -58,8 +57,8 @@ def warm_mode(request, tmp_path_factory) -> tuple[Mode, LockstepSession]:
         session = new_session()
         session.command("unplugged *")
         session.run_until(lambda record: record.mode == mode, within_s=10)
-    elif mode == Mode.READY:
-        session = new_session().until_ready()
+    elif mode in {Mode.READY, Mode.HOLD, Mode.GAIT}:
+        session = request.getfixturevalue(f"warm_{mode.name.lower()}")
     else:
         session = new_session().enable()
         if mode in BY_REQUEST:

@@ -37,11 +37,6 @@ def unplugged(session):
     session.command("unplugged right/slide")
 
 
-@pytest.fixture(params=["warm_ready", "warm_hold", "warm_gait"])
-def warm_in_mode(request):
-    return request.getfixturevalue(request.param)
-
-
 def fed(session, seconds):
     """How often it is fed while so much time passes, and the longest time between two."""
     systemd = session.systemd
@@ -103,8 +98,8 @@ def test_a_cycle_of_a_bring_up_that_had_no_time_is_not_fed():
     assert len(session.systemd.fed_ns) == len(session.records) - 1
 
 
-def test_a_cycle_that_had_no_time_is_not_fed(warm_in_mode):
-    session = watched(warm_in_mode)
+def test_a_cycle_that_had_no_time_is_not_fed(session):
+    watched(session)
     begun = session.record
 
     session.systemd.forget()

@@ -269,7 +269,7 @@ def test_a_cell_alone_is_played_bit_for_bit_as_among_others(warm_process):
     cell = Cell("hand_switch", "hold", "right/slide")
 
     ((alone,),) = run(DEMO, [cell], SEED, jobs=1)
-    among = play_part(DEMO, cells(("silent", "hand_switch", "overrun_3"), ("hold",)), SEED)
+    among = play_part(DEMO, [cell, *cells(("silent", "overrun_3"), ("hold",), AXES[:1])], SEED)
 
     assert alone in among
     assert alone.stopped
