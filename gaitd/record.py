@@ -60,8 +60,8 @@ def command(
         Purpose,
         typer.Option(
             "--for",
-            help="what is recorded: training: while the drives are enabled; calibration: each run of"
-            " excite and each gait",
+            help="what is recorded: training: while the drives are enabled; calibration: each run"
+            " of excite and each gait",
         ),
     ] = Purpose.ALL,
     limit_mb: Annotated[
