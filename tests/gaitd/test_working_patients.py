@@ -118,6 +118,12 @@ def test_a_row_says_what_a_cell_gives():
     assert row[:5] == ("half", "0.25 Hz", "paper", "none", "100.0")
 
 
+def test_on_a_machine_with_bristles_the_observer_knows_them():
+    played = walked("half", law=FrictionLaw.LUGRE, cadence_hz=0.5, duration_s=6.0)
+
+    assert played.slide.error_si < 0.15 * played.slide.patient_si  # 0.22 with the paper's law
+
+
 def test_a_refused_gait_is_a_row_too():
     played = walked("half", cadence_hz=3.0)
 
