@@ -59,7 +59,7 @@ PASSED = {"test_display.py": 3, "test_time.py": 2, "test_configured.py": 4, "tes
 
 @pytest.mark.thorough
 @pytest.mark.timeout(600)
-@pytest.mark.parametrize("name", EXAMPLES.keys() - {"test_own_node.py"})
+@pytest.mark.parametrize("name", sorted(EXAMPLES.keys() - {"test_own_node.py"}))
 def test_every_example_of_the_guide_runs_as_it_is_printed(outsider, name):
     """That with a node of its own runs in the rig, and below without one."""
     ran = outsider(**{name.removesuffix(".py"): EXAMPLES[name]})
