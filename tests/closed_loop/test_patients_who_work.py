@@ -19,6 +19,8 @@ from gaitd_lab.virtual_machine import virtual_machine
 from sim_drives.plant.settings import FrictionLaw
 
 CONFIG = CONFIGS / "demo.toml"
+MUSCLE_RISE_S = 0.06
+"""Until 30 N·m, risen in 60 ms behind an activation of 40 ms, have the 14 N·m of [spasm]."""
 
 
 def session_of(model: Model) -> LockstepSession:
@@ -52,9 +54,12 @@ def test_a_patient_who_brakes_the_leg_before_its_turns_walks_on(patient, cadence
 
 @pytest.mark.parametrize(
     "at_s",
-    [3.0, *(pytest.param(at_s, marks=pytest.mark.thorough) for at_s in (9.0, 10.0, 11.0, 12.0))],
+    [
+        3.0,
+        *(pytest.param(at_s, marks=pytest.mark.thorough) for at_s in np.arange(9.0, 13.0, 0.25)),
+    ],
 )
-def test_a_spasm_of_a_patient_who_works_stops_within_half_a_second(at_s):
+def test_a_spasm_of_a_patient_who_works_stops_at_every_phase_within_window_and_patience(at_s):
     spasm, half = Spasm(at_s), of_ability(0.5)
 
     def model(gait: Gait) -> np.ndarray:
@@ -62,13 +67,15 @@ def test_a_spasm_of_a_patient_who_works_stops_within_half_a_second(at_s):
 
     session = session_of(model).walk(duration_s=at_s - 0.1)
     walking = session.record.mode == Mode.GAIT
+    rules = load(CONFIG).limits.spasm
 
     session.run_until(lambda record: record.mode != Mode.GAIT, within_s=0.7)
 
     assert walking
     assert session.record.verdict.cause == Cause.SPASM
     strides_s = DT_S * sum(record.gait_phase >= 0 for record in session.records)
-    assert 0.0 < strides_s - at_s <= 0.5
+    found_s = strides_s - at_s - MUSCLE_RISE_S
+    assert 0.0 < found_s <= (rules.rise_window_ms + rules.patience_ms) / 1000
 
 
 def test_clonus_softens_guidance_and_stops_when_its_bursts_sum_up():
