@@ -8,6 +8,7 @@ In every command each configuration error is one line on stderr, and the exit co
 each error is also a JSON document on stdout.
 """
 
+import errno
 import importlib
 import os
 import sys
@@ -130,6 +131,12 @@ def main() -> None:
         help_line = f"gaitd {chosen} --help" if chosen else "gaitd --help"
         usage = CommandError(text, ExitCode.USAGE, blame="command line", following=help_line)
         code = _fail(text, failure(usage, chosen or ""), as_json=as_json)
+    except OSError as error:
+        if error.errno != errno.ENAMETOOLONG:
+            raise
+        text = f"{error.filename}: too long for the name of a file"
+        too_long = CommandError(text, ExitCode.USAGE, blame=str(error.filename))
+        code = _fail(text, failure(too_long, chosen or ""), as_json=as_json)
     except ModuleNotFoundError as error:
         package = (error.name or "").partition(".")[0]
         if package not in REMEDIES:

@@ -26,6 +26,8 @@ pytestmark = pytest.mark.thorough
 CONFIG = CONFIGS / "demo.toml"
 PASSIVE = "paper, 0.5 Hz, passive"
 ACTIVE = "paper, 0.5 Hz, active"
+OUTSIDE_3_SIGMA = 0.0027
+"""Share of normal errors beyond three times their standard deviation."""
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +100,7 @@ def test_a_delay_that_is_modelled_is_no_error(results):
 def test_a_ripple_that_is_told_is_covered(results):
     untold, told = results[RIPPLED, SHIPPED], results[RIPPLED, "ripple configured"]
 
-    assert untold.velocity_covered[1] < 0.95
+    assert 1.0 - untold.velocity_covered[1] > 10 * OUTSIDE_3_SIGMA
     assert told.velocity_covered[1] > 0.99
 
 

@@ -316,6 +316,7 @@ def test_every_command_has_json_and_an_error_of_usage_is_a_document(name):
         (("drive", "right/hip", "dump", "--config", "none.toml"), 2, "none.toml"),
         (("keys", "list", "--config", "none.toml"), 2, "none.toml"),
         (("blackbox", "show", "none.ring"), 2, "none.ring"),
+        (("blackbox", "list", "--recording", "x" * 300), 2, "x" * 300),
         (("replay", "none.csv"), 2, "none.csv"),
         (("delay", "none.csv"), 2, "none.csv"),
         (("baseline", "none.csv", "--robot", "none.toml", "--output", "x"), 2, "none.toml"),

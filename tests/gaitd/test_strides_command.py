@@ -65,6 +65,7 @@ def test_a_baseline_takes_off_what_a_wrong_file_adds(monkeypatch):
     monkeypatch.setattr(wrong, "WALK_S", 12.0)
     names = "leg 15 % heavier", "torque offset 1 N·m"
     monkeypatch.setattr(wrong, "FILES", {name: wrong.FILES[name] for name in names})
+    monkeypatch.setattr(wrong, "MACHINES", {})
 
     rows = wrong.table(CONFIGS / "demo.toml", [1], lambda _: lambda _: None).rows
 

@@ -279,18 +279,26 @@ def _contradictions(
     yield from _of_web(web)
     if not isinstance(settings, EngineerSettings):
         session = settings.session
-        if session is not None and session.history.is_dir():
-            yield "session.history", session.history, "the name of a file; this is a folder"
+        if session is not None and _is_folder(session.history) is not False:
+            yield "session.history", session.history, "the name of a file; this is none"
     elif not web.is_loopback:
         allowed = (
             "127.0.0.1, because this page shows a patient's data without login; reach it from"
             " another machine through a tunnel of SSH"
         )
         yield "web.host", web.host, allowed
-    elif settings.pages is not None and not settings.pages.is_dir():
+    elif settings.pages is not None and not _is_folder(settings.pages):
         yield "pages", settings.pages, "a folder that exists"
     if isinstance(settings, PatientSettings):
         yield from _of_patient(settings)
+
+
+def _is_folder(path: Path) -> bool | None:
+    """True if there is this folder; None if the name is too long for any file."""
+    try:
+        return path.is_dir()
+    except OSError:
+        return None
 
 
 def _of_web(web: Web) -> Iterator[tuple[str, object, str]]:
