@@ -1,7 +1,7 @@
 """Lateness of SYNC in real time: service and virtual drives by the wall clock, at rest.
 
 A bare timer of the same priority runs at the same time (`bare_timer.py`). What delays it, too, is
-the machine.
+the machine: where that alone comes near the budget, the core has a budget of its own beyond it.
 """
 
 import json
@@ -27,6 +27,8 @@ from gaitd_lab.timed_service import timed_service, until_ready
 READY_WITHIN_S: Final = 240.0
 SETTLE_S: Final = 2.0
 P999_MAX_US: Final = 500.0
+BEYOND_TIMER_MAX_US: Final = 250.0
+"""The core's part of the budget, where the bare timer needs more than the rest of it."""
 BARE: Final = "bare timer"
 QUANTILES: Final = {"median": 0.5, "99.9 %": 0.999, "worst": 1.0}
 
@@ -79,9 +81,10 @@ def of(records: list[CycleRecord], bare_ns: Sequence[int], beside: str = "") -> 
         )
         for name, quantile in QUANTILES.items()
     ]
+    at_most_us = max(P999_MAX_US, made[1].peer_value + BEYOND_TIMER_MAX_US)
     return [
         *made,
-        made[1]._replace(what=f"{what}, 99.9 %, budget", peer="", at_most=P999_MAX_US),
+        made[1]._replace(what=f"{what}, 99.9 %, budget", peer="", at_most=at_most_us),
         Figure(
             what=f"SYNCs skipped{beside}",
             value=skipped,

@@ -18,8 +18,8 @@ DURATION_S: Final = 600.0
 RATE_HZ: Final = 100
 
 
-COMPUTING_MIN: Final = 1000.0
-WITH_CSV_MIN: Final = 500.0
+COMPUTING_MIN: Final = 400.0
+WITH_CSV_MIN: Final = 250.0
 
 
 def measure(robot: Robot) -> list[Figure]:

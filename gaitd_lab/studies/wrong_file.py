@@ -34,6 +34,7 @@ from observer.filter.considered import (
     DRIVES,
     LEG_COUNT,
     NOTHING_KNOWN,
+    OTHER_HIP,
     SLIDE_FRICTION,
     SLOPES,
     Drives,
@@ -287,12 +288,12 @@ def _steps(robot: Robot) -> tuple[Values, Values]:
     """The physics of a robot file, and what each of its parameters that is not sure adds to it."""
     own = Variant(leg_parameters(robot), *friction_parameters(robot))
     unsure = considered(robot)
-    first, *rows = table_of((own, *unsure))[: 1 + len(unsure)]
+    first, *rows = table_of(own, (own, *unsure))[: 1 + len(unsure), :OTHER_HIP]
     return first, np.array(rows) - first
 
 
 def _variant_of(row: Values) -> Variant:
-    """The inverse of `table_of`."""
+    """The inverse of `table_of`, without its marks."""
     pieces = np.split(row, (LEG_COUNT, SLIDE_FRICTION, DRIVES, SLOPES))
     leg, hip, slide, drives, slopes = (piece.tolist() for piece in pieces)
     return Variant(

@@ -131,11 +131,20 @@ SLIDE_FRICTION: Final = LEG_COUNT + FRICTION_COUNT
 DRIVES: Final = LEG_COUNT + 2 * FRICTION_COUNT
 DRIVES_COUNT: Final = len(Drives._fields)
 SLOPES: Final = DRIVES + DRIVES_COUNT
-VARIANT_SIZE: Final = SLOPES + len(Slopes._fields)
+OTHER_HIP: Final = SLOPES + len(Slopes._fields)
+"""1 where the variant has another friction at the hip; behind it the same of the slide."""
+OTHER_LEG: Final = OTHER_HIP + 2
+"""1 where the variant has another leg, or another pose."""
+VARIANT_SIZE: Final = OTHER_LEG + 1
 
 
-def table_of(variants: Sequence[Variant]) -> Matrix:
+def table_of(own: Variant, variants: Sequence[Variant]) -> Matrix:
     """The variants as a kernel reads them, shape (VARIANTS_MAX, VARIANT_SIZE).
+
+    Args:
+        own: the physics of the filter. What a variant has in common with it is marked, because its
+            error is nothing: most of a kernel's time would go into finding that.
+        variants: of the considered parameters.
 
     Raises:
         ValueError: more than VARIANTS_MAX.
@@ -144,7 +153,12 @@ def table_of(variants: Sequence[Variant]) -> Matrix:
         raise ValueError(f"{len(variants)} variants of a leg: there is room for {VARIANTS_MAX}")
     table = np.zeros((VARIANTS_MAX, VARIANT_SIZE))
     for row, one in zip(table, variants, strict=False):
-        row[:] = (*one.leg, *one.hip, *one.slide, *one.drives, *one.slopes)
+        other_hip = one.hip != own.hip or one.slopes.hip_per_rad != 0.0
+        other_slide = one.slide != own.slide or one.slopes.slide_per_m != 0.0
+        moved = one.drives.position_offset_hip_rad, one.drives.position_offset_slide_m
+        other_leg = one.leg != own.leg or moved != (0.0, 0.0)
+        others = float(other_hip), float(other_slide), float(other_leg)
+        row[:] = (*one.leg, *one.hip, *one.slide, *one.drives, *one.slopes, *others)
     return table
 
 
@@ -170,22 +184,30 @@ def follow(
     share = 1.0 - math.exp(-dt_s / TAKEN_UP_S)
     for k in range(count):
         row = variants[k]
-        hip = at_position(
-            FrictionParameters(*fixed_tuple(row[LEG_COUNT:], FRICTION_COUNT)),
-            OverPosition(over[0].slope + row[SLOPES], over[0].middle),
-            q1,
-        )
-        slide = at_position(
-            FrictionParameters(*fixed_tuple(row[SLIDE_FRICTION:], FRICTION_COUNT)),
-            OverPosition(over[1].slope + row[SLOPES + 1], over[1].middle),
-            q2,
-        )
-        errors[2 * k] += share_hip * (static_friction(hip, v1) - law_hip - errors[2 * k])
-        errors[2 * k + 1] += share_slide * (
-            static_friction(slide, v2) - law_slide - errors[2 * k + 1]
-        )
-        for i in range(2 * k, 2 * k + 2):
-            taken_up[i] += share * (errors[i] - taken_up[i])
+        if row[OTHER_HIP] > 0.0:
+            hip = at_position(
+                FrictionParameters(*fixed_tuple(row[LEG_COUNT:], FRICTION_COUNT)),
+                OverPosition(over[0].slope + row[SLOPES], over[0].middle),
+                q1,
+            )
+            wrong = static_friction(hip, v1) - law_hip
+            _lag(2 * k, wrong, share_hip, share, errors, taken_up)
+        if row[OTHER_HIP + 1] > 0.0:
+            slide = at_position(
+                FrictionParameters(*fixed_tuple(row[SLIDE_FRICTION:], FRICTION_COUNT)),
+                OverPosition(over[1].slope + row[SLOPES + 1], over[1].middle),
+                q2,
+            )
+            wrong = static_friction(slide, v2) - law_slide
+            _lag(2 * k + 1, wrong, share_slide, share, errors, taken_up)
+
+
+@inline
+def _lag(
+    i: int, wrong: float, friction_share: float, share: float, errors: Vector, taken_up: Vector
+) -> None:
+    errors[i] += friction_share * (wrong - errors[i])
+    taken_up[i] += share * (errors[i] - taken_up[i])
 
 
 @inline
@@ -271,12 +293,15 @@ def _find_errors(
     own_hip, own_slide = efforts(own, a1, a2)
     for k in range(count):
         row = variants[k]
-        leg = LegParameters(*fixed_tuple(row, LEG_COUNT))
         shown = Drives(*fixed_tuple(row[DRIVES:], DRIVES_COUNT))
-        at_hip, at_slide = q1 + shown.position_offset_hip_rad, q2 + shown.position_offset_slide_m
-        other = dynamics(leg, at_hip, at_slide, v1, v2, share)
-        other_hip, other_slide = efforts(other, a1, a2)
-        net_hip, net_slide = other_hip - own_hip, other_slide - own_slide
+        net_hip, net_slide = 0.0, 0.0
+        if row[OTHER_LEG] > 0.0:
+            leg = LegParameters(*fixed_tuple(row, LEG_COUNT))
+            at_hip = q1 + shown.position_offset_hip_rad
+            at_slide = q2 + shown.position_offset_slide_m
+            other = dynamics(leg, at_hip, at_slide, v1, v2, share)
+            other_hip, other_slide = efforts(other, a1, a2)
+            net_hip, net_slide = other_hip - own_hip, other_slide - own_slide
         net_hip -= (shown.effort_ratio_hip - 1.0) * effort[0] + shown.effort_offset_hip_nm
         net_slide -= (shown.effort_ratio_slide - 1.0) * effort[1] + shown.effort_offset_slide_n
         hip, slide = friction_errors[2 * k], friction_errors[2 * k + 1]

@@ -315,7 +315,7 @@ def setup_of(
         friction_middle_slide=float(tuning.friction_over_position[1].middle),
     )
     noise = tuning.process_std, tuning.measurement_std
-    unsure = float(len(considered)), table_of(considered)
+    unsure = float(len(considered)), table_of(Variant(leg, hip, slide), considered)
     known = (0.0, *NOTHING_KNOWN[1:])
     values = (leg, hip, slide, float(tuning.coriolis), options, *noise, *unsure, *known)
     setup: Any = np.array([values], SETUP_LAYOUT)

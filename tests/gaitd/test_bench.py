@@ -59,6 +59,8 @@ def test_lateness_is_that_of_the_records(session):
     assert median.value == pytest.approx(np.median(late_us))
     assert median.value <= high.value <= worst.value
     assert (judged.value, judged.peer) == (high.value, "")
+    assert judged.at_most == high.peer_value + 250.0, "this machine delays a bare timer, too"
+    assert lateness.of(records, [50_000] * 1000)[3].at_most == 500.0
     assert (median.peer_value, worst.peer_value) == (50.0, 9000.0)
     assert (skipped.value, skipped.unit, skipped.peer_value) == (0, "of 20", 2)
 

@@ -26,6 +26,7 @@ SETTLED_S = 4.0
 PLACES = {
     (row, column): row * (row + 1) // 2 + column for row in range(8) for column in range(row + 1)
 }
+OWN = Variant(PATIENT, HIP, SLIDE_FRICTION)
 OTHERS = {
     "a heavier thigh": Variant(
         PATIENT._replace(thigh_moment_re=1.05 * PATIENT.thigh_moment_re), HIP, SLIDE_FRICTION
@@ -203,6 +204,6 @@ def test_an_error_of_both_axes_is_added_up_before_it_is_squared(walk):
 def test_there_is_room_for_a_fixed_number_of_parameters():
     one = OTHERS["a heavier thigh"]
 
-    assert np.count_nonzero(table_of([one] * VARIANTS_MAX).any(axis=1)) == VARIANTS_MAX
+    assert np.count_nonzero(table_of(OWN, [one] * VARIANTS_MAX).any(axis=1)) == VARIANTS_MAX
     with pytest.raises(ValueError, match=f"there is room for {VARIANTS_MAX}"):
-        table_of([one] * (VARIANTS_MAX + 1))
+        table_of(OWN, [one] * (VARIANTS_MAX + 1))
