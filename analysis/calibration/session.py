@@ -265,7 +265,7 @@ def calibrate(
     found: dict[MissedLimit, str] = {
         "mechanism": "" if checked.well else f"{checked}; correct that in the robot file",
         "two_optima": two_optima(rival) if (rival := made.rival()) else "",
-        "other_effect": other_effect(seen[used], made.natural, motion),
+        "other_effect": other_effect(seen[used], made.natural, motion, new),
         "false_effort": "" if needless else worse_axis(before, after, made.natural, judged),
     }
     noise: dict[str, float] = {}

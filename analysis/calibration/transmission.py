@@ -9,8 +9,8 @@ away, and windup goes on with the effort while the axis moves.
 So the likelihood is evaluated on the motion of the joints, with c as one more value, from a rigid
 axis on: behind a transmission that is too soft the law of friction finds an optimum of its own.
 Newton's first step, with Fisher's information over all fitted values, tells whether there is
-anything to find. A loose transmission is found as a softer one: how a shaft
-crosses its gap is in no model here.
+anything to find. How a shaft crosses a gap is in no model here: a gap leaves effort after each
+change of the load's sign, of which `verdict.py` tells.
 """
 
 from collections.abc import Callable, Mapping
@@ -38,6 +38,8 @@ from analysis.calibration.likelihood import (
 from analysis.calibration.motion import Motion, smoothed
 from analysis.calibration.quantities import LAW_SIZE, SIZE, TIMING, Quantity, value_of
 from daemon.config.settings import Robot
+
+Vector = NDArray[np.float64]
 
 STIFFNESSES: Final = (
     Quantity("transmission.hip.stiffness_nm_per_rad", "hip transmission stiffness", "N·m/rad", 0),
@@ -82,6 +84,13 @@ def stated(robot: Robot) -> Compliances:
     return Compliances(*made)
 
 
+def load_of(motion: Motion, robot: Robot, axis: int) -> Vector:
+    """Effort that goes through a transmission, (n): N·m or N."""
+    rotor = value_of(robot, DRIVE_KEYS[axis]) * motion.smooth[:, 4 + axis]
+    load: Vector = motion.smooth_effort[:, axis] - rotor
+    return load
+
+
 def of_joints(motion: Motion, robot: Robot, compliances: Compliances) -> Motion:
     """The motion of the joints behind these transmissions, which a recording shows of the shafts.
 
@@ -95,8 +104,7 @@ def of_joints(motion: Motion, robot: Robot, compliances: Compliances) -> Motion:
     position, smooth = motion.position.copy(), motion.smooth.copy()
     period_s = float(np.median(motion.steps_s))
     for axis, compliance in enumerate(compliances):
-        rotor = value_of(robot, DRIVE_KEYS[axis]) * motion.smooth[:, 4 + axis]
-        windup = compliance * (motion.smooth_effort[:, axis] - rotor)
+        windup = compliance * load_of(motion, robot, axis)
         position[:, axis] -= windup
         for order in range(3):
             smooth[:, 2 * order + axis] -= smoothed(windup, order, period_s)
