@@ -280,7 +280,8 @@ def _contradictions(
     if not isinstance(settings, EngineerSettings):
         session = settings.session
         if session is not None and _is_folder(session.history) is not False:
-            yield "session.history", session.history, "the name of a file; this is none"
+            allowed = "the name of a file; this is a folder, or cannot be looked up"
+            yield "session.history", session.history, allowed
     elif not web.is_loopback:
         allowed = (
             "127.0.0.1, because this page shows a patient's data without login; reach it from"
@@ -294,7 +295,7 @@ def _contradictions(
 
 
 def _is_folder(path: Path) -> bool | None:
-    """True if there is this folder; None if the name is too long for any file."""
+    """True if there is this folder; None if it cannot be looked up, as its name is too long."""
     try:
         return path.is_dir()
     except OSError:
