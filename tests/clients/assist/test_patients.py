@@ -65,12 +65,15 @@ def stays_near(walk, begin=0):
     assert (np.abs(walk.errors(begin)).max(axis=0) <= NEAR).all()
 
 
-def trembles(walk):
-    """The strides have the tremor of 5 Hz, as the axes feel it: 62 % of the muscle's."""
+def trembles(walk, wrong_ratio=0.16):
+    """The strides have the tremor of 5 Hz, as the axes feel it: 62 % of the muscle's.
+
+    The filter shows it 4 to 16 % too large (docs/strides.md).
+    """
     for one in walk.answers.strides[-2:]:
-        for axis, amplitude in ((one.hip, 2.6), (one.slide, 13.0)):
+        for axis, amplitude in ((one.hip, 2.66), (one.slide, 13.3)):
             assert axis.tremor_frequency_hz == pytest.approx(5.0, abs=0.2)
-            assert axis.tremor_amplitude == pytest.approx(amplitude, rel=0.15)
+            assert axis.tremor_amplitude == pytest.approx(amplitude, rel=wrong_ratio)
 
 
 def does_not_tremble(walk):
@@ -288,11 +291,11 @@ PLANTS = [
 ]
 
 
-def holds_for(name, walk):
+def holds_for(name, walk, plant_ratio):
     goes_on_unrefused(walk)
     does_not_chatter(walk)
     does_not_brake_what_leads(walk)
-    trembles(walk) if name == "tremor" else does_not_tremble(walk)
+    trembles(walk, 0.16 + plant_ratio) if name == "tremor" else does_not_tremble(walk)
     if name in STEADY:
         settles(walk)
     if name == "all":
@@ -301,14 +304,18 @@ def holds_for(name, walk):
         is_not_pushed_hard(walk)
 
 
-def hold_for_each(gym, strides_count):
-    """Each patient on each leg of the gym; what fails is printed by its fork."""
+def hold_for_each(gym, strides_count, plant_ratio=0.0):
+    """Each patient on each leg of the gym; what fails is printed by its fork.
+
+    At 5 Hz nearly all effort accelerates the leg: one that is lighter than in the file by
+    `plant_ratio` shows so much more of a tremor.
+    """
     failed = []
     for name, model in PATIENTS.items():
 
         def plan(gym, n=name, m=model):
             for walk in gym.walk_legs([m() for _ in gym.legs], strides_count):
-                holds_for(n, walk)
+                holds_for(n, walk, plant_ratio)
 
         try:
             elsewhere(gym, plan)
@@ -322,7 +329,8 @@ def hold_for_each(gym, strides_count):
 @pytest.mark.parametrize("changes", PLANTS, ids=str)
 @pytest.mark.parametrize("seed", range(2, 5))
 def test_each_patient_is_helped_well_on_each_plant(seed, changes):
-    hold_for_each(Gym(seed=seed, other=lambda robot: altered(robot, **changes)), 16)
+    gym = Gym(seed=seed, other=lambda robot: altered(robot, **changes))
+    hold_for_each(gym, 16, max(abs(1.0 - ratio) for ratio in (1.0, *changes.values())))
 
 
 @pytest.mark.thorough
