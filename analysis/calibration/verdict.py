@@ -45,10 +45,11 @@ CONTACT_SHARE_MAX: Final = 0.2
 """Share of a recording: more frequent events are no single contact, but another effect."""
 GAP_ROWS: Final = 20
 """0.2 s: so long a shaft swings after it has crossed the gap of its transmission."""
-GAP_SHARE_MIN: Final = 0.6
-"""Share of the squared effort in these rows from which on a gap is its cause. Measured on virtual
-machines: 0.87 at a hip with 0.3° of backlash, 0.05 to 0.34 where the drive is rigid or soft, also
-with a spring or a level of friction 30 % off."""
+GAP_SHARE_MIN: Final = 0.8
+"""Share of the squared effort in these rows from which on a gap is its likely cause. Measured on
+virtual machines: 0.87 and 0.92 at a hip with 0.3° of backlash; up to 0.71 with twice the edge of
+friction, up to 0.46 with half or twice its hump, at most 0.35 with a level or a spring 30 % off,
+or a soft transmission. A gap of a drive that is soft as well, or of a slide, stays below it."""
 
 
 class Score(NamedTuple):
@@ -209,8 +210,8 @@ def other_effect(seen: Disturbance, natural: Vector, motion: Motion, robot: Robo
             if gap_ratio > GAP_SHARE_MIN:
                 return (
                     f"{found}{gap_ratio:.0%} of its square within 0.2 s of a reversal of the "
-                    "drive's load: its transmission has a gap; remove it, or state "
-                    f"{GAPS[axis]} and keep the values of a machine without it"
+                    "drive's load, as a gap of its transmission makes it: remove it and record "
+                    f"again, or measure it, state {GAPS[axis]} and keep the file's other values"
                 )
             at_s = float(motion.time_s[int(np.argmax(_windowed(size)))])
             return (

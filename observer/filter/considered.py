@@ -132,8 +132,10 @@ DRIVES: Final = LEG_COUNT + 2 * FRICTION_COUNT
 DRIVES_COUNT: Final = len(Drives._fields)
 SLOPES: Final = DRIVES + DRIVES_COUNT
 OTHER_HIP: Final = SLOPES + len(Slopes._fields)
-"""1 where the variant has another friction at the hip; behind it the same of the slide."""
-OTHER_LEG: Final = OTHER_HIP + 2
+"""1 where the variant has another friction at the hip."""
+OTHER_SLIDE: Final = OTHER_HIP + 1
+"""1 where it has another one at the slide."""
+OTHER_LEG: Final = OTHER_SLIDE + 1
 """1 where the variant has another leg, or another pose."""
 VARIANT_SIZE: Final = OTHER_LEG + 1
 
@@ -192,7 +194,7 @@ def follow(
             )
             wrong = static_friction(hip, v1) - law_hip
             _lag(2 * k, wrong, share_hip, share, errors, taken_up)
-        if row[OTHER_HIP + 1] > 0.0:
+        if row[OTHER_SLIDE] > 0.0:
             slide = at_position(
                 FrictionParameters(*fixed_tuple(row[SLIDE_FRICTION:], FRICTION_COUNT)),
                 OverPosition(over[1].slope + row[SLOPES + 1], over[1].middle),

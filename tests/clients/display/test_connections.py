@@ -269,6 +269,7 @@ def test_one_that_says_nothing_is_closed_in_time(site, monkeypatch):
         ({"web": {"certificate": "patient.toml", "key": "patient.toml"}}, "PEM lib (_ssl"),
         ({"trainer": {"endpoint": ""}}, "endpoint '': allowed are tcp/HOST:PORT"),
         ({"session": {"profile": "none", "history": "."}}, "the name of a file; this is a folder"),
+        ({"session": {"profile": "none", "history": "x" * 300}}, "or cannot be looked up"),
     ],
 )
 def test_what_no_server_can_use_is_refused_with_its_file_in_each_line(tmp_path, changes, words):
