@@ -150,10 +150,11 @@ def test_each_configuration_error_is_one_line_and_exit_code_2_in_every_command(
     assert bool(others) == (command != "gateway")
 
 
-def test_a_core_that_a_watchdog_watches_refuses_a_simulated_bus(monkeypatch):
+def test_a_core_that_a_watchdog_watches_refuses_a_simulated_bus(tmp_path, monkeypatch):
     monkeypatch.setenv("WATCHDOG_USEC", "1000000")
+    ours = Change("demo.toml", '"/dev/shm/gaitd-demo"', f'"{tmp_path}/run"')
 
-    ended = gaitd("core", "--config", CONFIGS / "demo.toml")
+    ended = gaitd("core", "--config", changed(copied(tmp_path), ours))
 
     assert ended.code == 2
     assert 'demo.toml: bus.interface = "simulated": a real bus: a watchdog goes by' in ended.err
