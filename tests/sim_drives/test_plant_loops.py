@@ -71,19 +71,6 @@ def test_the_same_order_again_changes_nothing():
     assert position(repeated=True) == position(repeated=False)
 
 
-def test_a_target_outside_its_limits_is_clipped_and_said_so():
-    plant = trainer()
-    target = order(
-        HIP, Actuation.POSITION, target_position_si=0.6, position_max_si=0.3, interpolation_s=0.5
-    )
-    plant.set_axis(HIP, target)
-
-    run(plant, 2.0)
-
-    assert plant.flags(HIP) & AxisFlag.TARGET_CLIPPED
-    assert plant.truth().position[HIP] == pytest.approx(0.3, abs=1e-3)
-
-
 def test_a_following_error_is_raised_after_its_time_and_ends_the_advance():
     plant = trainer()
     plant.block_rotor(HIP, blocked=True)
@@ -143,21 +130,6 @@ def test_a_ramp_in_which_the_torque_does_not_suffice_takes_longer():
         return (plant.now_ns - begun_ns) * 1e-9
 
     assert stopping_s(4.0) > 1.5 * stopping_s(60.0)
-
-
-def test_the_speed_limit_holds_in_torque_mode_and_is_flagged():
-    plant = trainer(start={"hip": {"position_deg": -15.0}})
-    held(plant, SLIDE)
-    limited = order(HIP, Actuation.TORQUE, target_effort_si=60.0, velocity_limit_si=0.5)
-    plant.set_axis(HIP, limited)
-    fastest = 0.0
-    while plant.truth().position[HIP] < 0.4:
-        plant.advance(plant.now_ns + MS)
-        fastest = max(fastest, plant.truth().velocity[HIP])
-
-    assert plant.flags(HIP) & AxisFlag.SPEED_LIMITED
-    # A proportional limit: what the springs push on top costs load / gain.
-    assert 0.4 < fastest < 0.5 + 40.0 / 200.0
 
 
 def test_torque_never_exceeds_its_limit():

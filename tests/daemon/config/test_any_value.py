@@ -137,7 +137,6 @@ TRAINER = {
     "robot.toml": Robot,
     "plant.toml": PlantFile,
     "drives/hip_epos4.toml": AxisFile,
-    "drives/slide_epos4.toml": AxisFile,
     "drives/profiles/epos4.toml": DriveProfile,
 }
 CLIENTS = CONFIGS.parent / "clients"
@@ -157,7 +156,7 @@ OF_CLIENTS = {
     },
     "profile": (Profile, None, read_profile),
 }
-SOME = pytest.mark.parametrize("every", [29, pytest.param(1, marks=pytest.mark.thorough)])
+SOME = pytest.mark.parametrize("every", [61, pytest.param(1, marks=pytest.mark.thorough)])
 
 
 def decodes(case, file, kind, table):
