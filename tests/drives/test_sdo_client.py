@@ -4,12 +4,14 @@ import struct
 
 import pytest
 from bringup_bench import Bench
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from memory_bus import MS
 from sdo_server import NODE, client, segmented
 
 from drives.bringup.configurator import SDO_TIMEOUT_NS, SDO_TRANSFER_NS
 from drives.canopen.bus import Frame
-from drives.errors import SdoAborted, SdoGarbled, SdoTimeout
+from drives.errors import DrivesError, SdoAborted, SdoGarbled, SdoTimeout
 
 NAME = b"EPOS4 Compact 50/15"
 
@@ -152,3 +154,36 @@ def test_a_toggle_bit_that_does_not_alternate_is_aborted_with_the_real_object():
         port.read(NODE, 0x1008, 0)
 
     assert server.aborts == [bytes.fromhex("8008100000000305")]
+
+
+REPLIES = st.lists(
+    st.one_of(
+        st.binary(max_size=8),
+        st.binary(min_size=4, max_size=4).map(lambda tail: b"\x43\x18\x10\x01" + tail),
+        st.binary(min_size=7, max_size=7).map(lambda tail: b"\x00" + tail),
+        st.sampled_from((0x41, 0x42, 0x43, 0x60, 0x80, 0xA0, 0xC0)).map(
+            lambda command: bytes((command,)) + b"\x18\x10\x01\x04\0\0\0"
+        ),
+    ),
+    max_size=3,
+)
+
+
+@settings(deadline=None, max_examples=300)
+@given(replies=st.lists(REPLIES, max_size=8))
+def test_whatever_a_server_answers_ends_in_bytes_or_in_an_error_of_ours(replies):
+    waiting = iter(replies)
+    port, _, clock = client(lambda request: next(waiting, []))
+    before_ns = clock.now_ns()
+
+    try:
+        data = port.read(NODE, 0x1018, 1)
+        assert isinstance(data, bytes)
+    except DrivesError as error:
+        assert "1018h:01" in str(error)
+
+    assert clock.now_ns() - before_ns <= SDO_TRANSFER_NS + SDO_TIMEOUT_NS
+    port._bus.nodes[0].reply = lambda request: [b"\x43\x18\x10\x01\xfb\0\0\0"]
+    clock.time_ns += 100 * MS
+    port.wait(clock.now_ns())
+    assert port.read(NODE, 0x1018, 1) == b"\xfb\0\0\0"

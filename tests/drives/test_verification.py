@@ -297,11 +297,10 @@ LIES_OF_STOPS = {
         ("epos4", (holds(0x605A, 0, 2), holds(0x1016, 1, 0)), None),
         {FactCode.QUICK_STOP_STATE, FactCode.HEARTBEAT_LOSS_TIME},
     ),
-    "a longer ramp, no EMCY": (
-        ("epos4", (no_emcy,), LongRamp),
-        {FactCode.QUICK_STOP_WAY, FactCode.HEARTBEAT_LOSS_EMCY},
+    "a longer ramp, no EMCY, a fault that stays": (
+        ("epos4", (no_emcy, ignores_reset), LongRamp),
+        {FactCode.QUICK_STOP_WAY, FactCode.HEARTBEAT_LOSS_EMCY, FactCode.FAULT_RESET},
     ),
-    "a fault that stays": (("epos4", (ignores_reset,), None), {FactCode.FAULT_RESET}),
     "1400h:05": (("generic", (holds(0x1400, 5, 0),), None), {FactCode.COMMAND_LOSS_TIME}),
     "6007h, coasts": (("generic", (holds(0x6007, 0, 2),), None), {FactCode.COMMAND_LOSS_STATE}),
     "6007h, nothing": (("elmo", (holds(0x6007, 0, 0),), None), {FactCode.HEARTBEAT_LOSS_STATE}),

@@ -71,6 +71,19 @@ def test_the_same_order_again_changes_nothing():
     assert position(repeated=True) == position(repeated=False)
 
 
+def test_a_target_outside_its_limits_is_clipped_and_said_so():
+    plant = trainer()
+    target = order(
+        HIP, Actuation.POSITION, target_position_si=0.6, position_max_si=0.3, interpolation_s=0.5
+    )
+    plant.set_axis(HIP, target)
+
+    run(plant, 2.0)
+
+    assert plant.flags(HIP) & AxisFlag.TARGET_CLIPPED
+    assert plant.truth().position[HIP] == pytest.approx(0.3, abs=1e-3)
+
+
 def test_a_following_error_is_raised_after_its_time_and_ends_the_advance():
     plant = trainer()
     plant.block_rotor(HIP, blocked=True)

@@ -191,6 +191,8 @@ def test_files_that_are_accepted_by_themselves_are_checked_together(tmp_path, na
     some = list(cases(kind, table))[::every]
     good = [case for case in some if decodes(case, Path(name), kind, table)]
     assert good
+    if every > 1:
+        good = good[:: 1 + len(good) // 6]
     file = check_files(configs / "demo.toml").settings.file
     before_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
