@@ -3,7 +3,7 @@
 Whatever it says: no exception, no motion out of ready, no torque command beyond the limits, and a
 stop stays until a reset. Afterwards the ordinary requests bring the service back, unless a
 forged answer in bring-up has ended it with a refusal that names drive and object (exit 3).
-Of all drives at all rates in all modes each pair is played by default. `pytest --fuzz-minutes=N`
+In each mode other drives and another rate are played by default. `pytest --fuzz-minutes=N`
 runs it for N simulated minutes with seeds of its own, which are in the names of the tests.
 """
 
@@ -13,7 +13,7 @@ from itertools import product
 
 import pytest
 from gaitd_names import Mode, RequestKind
-from random_frames import Babbler, heartbeat, network, process_data
+from random_frames import Babbler, network, process_data
 from sessions import CONFIGS, elmo_drives, generic_drives, new_session
 
 from daemon.config.drive_plan import drive_limits
@@ -110,7 +110,7 @@ def pytest_generate_tests(metafunc):
         ).index(metafunc.function)
         thorough = [pytest.mark.thorough]
         seeds = [
-            pytest.param(rate + 3 * make, marks=thorough if (rate + make + mode) % 3 else [])
+            pytest.param(rate + 3 * make, marks=[] if make == mode == (rate + 1) % 3 else thorough)
             for rate, make in product(range(len(RATES_HZ)), range(len(MAKES)))
         ]
     else:
@@ -170,7 +170,7 @@ def test_while_walking_a_stop_is_latched_and_both_axes_come_to_rest(fuzz):
         assert fuzz.is_brought_back(), fuzz.story()
 
 
-@pytest.mark.parametrize("kind", [network, process_data, heartbeat], ids=lambda kind: kind.__name__)
+@pytest.mark.parametrize("kind", [network, process_data], ids=lambda kind: kind.__name__)
 def test_nonsense_while_the_drives_are_brought_up_ends_in_ready_or_a_named_cause(kind):
     fuzz = Fuzz(7, new_session())
 

@@ -6,7 +6,7 @@ bits as its entry says, the least significant first; a byte is filled from its b
 
 import pytest
 from drive_files import FOLDER, drive, table
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drives.canopen.bus import Frame
@@ -44,6 +44,7 @@ def test_there_is_something_to_pack():
 
 
 @pytest.mark.parametrize(("name", "pdo"), FRAMES, ids=[f"{name} {pdo}" for name, pdo in FRAMES])
+@settings(max_examples=25)
 @given(data=st.data())
 def test_what_is_packed_is_the_mapped_objects_bit_by_bit(name, pdo, data):
     values = data.draw(any_values(pdo))

@@ -4,7 +4,7 @@ import os
 import socket
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from journald import Journald, parsed
 
@@ -20,7 +20,8 @@ def journald(tmp_path):
         yield server
 
 
-@given(st.dictionaries(NAMES, VALUES, max_size=8))
+@settings(max_examples=25)
+@given(st.dictionaries(NAMES, VALUES, max_size=4))
 def test_what_is_encoded_is_read_back_whatever_the_text_is(fields):
     assert parsed(encoded(fields)) == fields
 

@@ -162,17 +162,6 @@ def test_a_rebooting_drive_gives_no_torque_and_no_answer(running):
     assert running.ask(0x605, bytes.fromhex("4018100100000000")) == []
 
 
-def test_a_blocked_rotor_stands_whatever_the_torque_is(running):
-    running.enable(10, 0, 300)
-    running.world.command("blocked_rotor right/hip 0.1")
-    before = running.plant.position[0]
-    running.cycles(5, 0x0F, 10, 0, 300)
-    assert running.plant.position[0] == before
-
-    running.cycles(20, 0x0F, 10, 0, 300)
-    assert running.plant.position[0] > before
-
-
 def test_the_hand_switch_is_a_bit_of_the_inputs_and_the_drive_leaves_it_at_that(running):
     running.enable(10)
     running.world.command("hand_switch_open *")
@@ -301,15 +290,6 @@ def test_a_motor_with_the_wrong_sign_moves_the_joint_the_other_way_and_its_encod
     truth = jointed.plant.truth()
     assert truth.effort[0] == pytest.approx(-27.87, rel=0.01)
     assert shown_counts(jointed) == pytest.approx(real_counts(jointed), abs=1)
-
-
-def test_a_motor_with_the_wrong_sign_runs_away_from_its_own_position_loop(jointed):
-    jointed.world.command("wrong_sign right/hip")
-    held = shown_counts(jointed)
-    here = jointed.plant.truth().position[0]
-    jointed.cycles(40, 0x0F, 8, held)
-
-    assert abs(jointed.plant.truth().position[0] - here) > 0.1
 
 
 def test_a_reversed_encoder_goes_on_where_it_is_and_counts_the_other_way(jointed):
@@ -482,19 +462,6 @@ def test_a_value_may_be_hexadecimal_and_an_end_open():
     order = parse_command("emcy right/hip - 0x8130")
 
     assert (order.duration_s, order.value, order.clear) == (None, 0x8130, False)
-
-
-def test_a_lost_connection_by_command_acts_like_one(generic):
-    generic.write(0x6007, 0, 3, 2)
-    generic.go_operational(torque=0x6077_0010)
-    generic.write(0x605A, 0, 6, 2)
-    generic.enable()
-
-    generic.world.command("emcy right/hip 0.1 0x8130")
-    assert generic.state() == 0x07
-    generic.run_ms(200)
-
-    assert generic.frames(0x085)[-1] == bytes(8)
 
 
 def test_the_documents_have_the_form_of_a_fault_and_only_faults_that_are_possible():

@@ -82,8 +82,6 @@ def origin_rad(bench):
     ("method", "stop_rad"),
     [
         (17, LOWER_STOP_RAD),
-        pytest.param(18, UPPER_STOP_RAD, marks=pytest.mark.thorough),
-        pytest.param(-4, LOWER_STOP_RAD, marks=pytest.mark.thorough),
         (-3, UPPER_STOP_RAD),
     ],
 )
@@ -117,8 +115,6 @@ def test_the_next_index_in_the_methods_direction_is_the_reference(method, start_
     ("method", "stop_rad", "inwards"),
     [
         (1, LOWER_STOP_RAD, +1),
-        pytest.param(2, UPPER_STOP_RAD, -1, marks=pytest.mark.thorough),
-        pytest.param(-2, LOWER_STOP_RAD, +1, marks=pytest.mark.thorough),
         (-1, UPPER_STOP_RAD, -1),
     ],
 )
@@ -156,9 +152,6 @@ def test_the_present_position_becomes_the_home_position_without_motion(method, c
     [
         (23, 0.40, 0.45, False),
         (27, 0.40, 0.45, True),
-        pytest.param(23, 0.00, 0.05, True, marks=pytest.mark.thorough),
-        (27, 0.00, 0.05, False),
-        pytest.param(23, 0.10, 0.40, False, marks=pytest.mark.thorough),
         (27, 0.10, 0.40, False),
     ],
 )
@@ -200,9 +193,8 @@ def test_an_axis_that_counts_backwards_searches_in_its_own_direction():
 # --- 30B0h, 30B1h -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("method", "away"), [(-3, -1), (17, +1)])
-def test_the_axis_moves_on_by_30b1_away_from_what_it_found_and_there_reads_30b0(method, away):
-    bench = on_the_trainer(method)
+def test_the_axis_moves_on_by_30b1_away_from_what_it_found_and_there_reads_30b0():
+    bench = on_the_trainer(-3)
     bench.write(0x30B2, 0, 11_500, 2)
     bench.write(0x30B1, 0, 3000, 4)
     bench.write(0x30B0, 0, 500, 4)
@@ -211,8 +203,7 @@ def test_the_axis_moves_on_by_30b1_away_from_what_it_found_and_there_reads_30b0(
     seen = run_until(bench, (DONE, FAILED))
 
     assert seen == [SEARCHING, ATTAINED, DONE]
-    stop_rad = LOWER_STOP_RAD if away > 0 else UPPER_STOP_RAD
-    goal_rad = stop_rad + away * 3000 / COUNTS_PER_RAD
+    goal_rad = UPPER_STOP_RAD - 3000 / COUNTS_PER_RAD
     assert origin_rad(bench) + 500 / COUNTS_PER_RAD == pytest.approx(goal_rad, abs=0.02)
     assert position(bench) == pytest.approx(500, abs=200)
 

@@ -166,23 +166,6 @@ def test_the_inputs_show_home_switch_and_interlock():
 # --- following error --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("window", "timeout_ms", "faults"), [(300, 20, True), (9000, 20, False)])
-def test_a_blocked_rotor_is_a_following_error_when_window_and_time_are_passed(
-    window, timeout_ms, faults
-):
-    bench = on_the_trainer(8)
-    here = signed(bench.read(0x6064))
-    bench.write(0x6065, 0, window, 4)
-    bench.write(0x6066, 0, timeout_ms, 2)
-    bench.world.command("blocked_rotor right/hip")
-    bench.write(0x607A, 0, here + 1000, 4)
-    bench.run_ms(200)
-
-    assert (bench.state() == 0x08) is faults
-    assert bench.read(0x603F) == (0x8611 if faults else 0)
-    assert bool(bench.statusword() & 0x2000) is faults
-
-
 # --- offsets, cyclic velocity -----------------------------------------------------------------
 
 
@@ -375,18 +358,6 @@ def test_without_an_interpolation_time_the_set_point_steps_and_with_one_it_goes_
     assert swept(10) == pytest.approx(step_rad / 10e-3, rel=0.01)
 
 
-def in_cyclic_position(interpolation_ms, **changes):
-    bench = Bench(hip=changes)
-    bench.boot()
-    bench.write(0x60C2, 1, interpolation_ms, 1)
-    torque_source = 0x6077_0010 if changes else 0x30D1_0220
-    bench.go_operational(torque=torque_source)
-    here = signed(bench.read(0x6064))
-    bench.enable(8, here)
-    bench.forget()
-    return bench, here
-
-
 def test_an_epos4_whose_interpolation_time_is_shorter_than_the_sync_period_misses_its_target():
     bench = Bench()
     bench.boot()
@@ -399,37 +370,6 @@ def test_an_epos4_whose_interpolation_time_is_shorter_than_the_sync_period_misse
 
     assert bench.state() == 0x08
     assert bench.read(0x603F) == 0x8250
-
-
-def test_an_epos4_misses_one_skipped_target_until_a_fault_reset():
-    bench, here = in_cyclic_position(10)
-    bench.cycles(10, 0x0F, 8, here)
-    assert bench.frames(0x085) == []
-
-    bench.cycle()
-    bench.cycle()
-    assert [data[:2] for data in bench.frames(0x085)] == [b"\x50\x82"]
-    bench.run_ms(100)
-    assert bench.state() == 0x08
-    bench.cycles(2, 0x00, 8, here)
-    bench.cycles(2, 0x80, 8, here)
-    assert bench.state() == 0x40
-
-
-def test_an_epos4_without_an_interpolation_time_misses_nothing():
-    bench, here = in_cyclic_position(0)
-    bench.cycles(5, 0x0F, 8, here)
-    bench.run_ms(500)
-
-    assert bench.state() == 0x27
-
-
-def test_a_plain_drive_goes_on_to_its_last_target():
-    bench, here = in_cyclic_position(10, **GENERIC)
-    bench.cycles(5, 0x0F, 8, here)
-    bench.run_ms(500)
-
-    assert bench.state() == 0x27
 
 
 def test_a_missing_pdo_of_one_number_is_not_ended_by_another():

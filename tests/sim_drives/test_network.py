@@ -4,7 +4,6 @@ import pytest
 from drive_bench import Bench
 
 SAVE = int.from_bytes(b"save", "little")
-LOAD = int.from_bytes(b"load", "little")
 
 
 def watch_master(bench, timeout_ms=100, node_id=5):
@@ -45,32 +44,6 @@ def test_a_drive_reaches_switch_on_disabled_within_half_a_second(bench):
     assert bench.statusword() & 0x0F7F == 0x0240
 
 
-def test_no_tpdo_leaves_before_the_node_is_started(bench):
-    bench.map_pdos()
-    bench.forget()
-
-    bench.cycles(5)
-    assert bench.frames(0x185) == []
-
-    bench.nmt(0x01)
-    bench.cycles(2)
-    assert len(bench.frames(0x185)) == 2
-
-
-def test_a_stopped_node_answers_nothing_but_its_heartbeat(bench):
-    bench.go_operational()
-    bench.write(0x1017, 0, 20, 2)
-    bench.nmt(0x02)
-    bench.forget()
-
-    bench.send(0x080)
-    bench.send(0x605, bytes.fromhex("4041600000000000"))
-    bench.run_ms(50)
-
-    assert {timed.can_id for timed in bench.trace} == {0x705}
-    assert set(bench.frames(0x705)) == {b"\x04"}
-
-
 def test_stopping_an_enabled_node_makes_a_quick_stop_and_starting_it_again_does_not_enable(bench):
     bench.go_operational()
     bench.enable(torque=300)
@@ -102,39 +75,6 @@ def test_node_zero_means_every_node(bench):
     bench.run_ms(10)
 
     assert bench.frames(0x705)[-1] == bench.frames(0x706)[-1] == b"\x05"
-
-
-def test_reset_communication_keeps_the_application_and_reset_node_restores_it(bench):
-    bench.write(0x6065, 0, 1, 4)
-    bench.write(0x1017, 0, 50, 2)
-    bench.forget()
-
-    bench.nmt(0x82)
-    bench.run_ms(400)
-    assert bench.frames(0x705) == [b"\x00"]
-    assert (bench.read(0x6065), bench.read(0x1017)) == (1, 0)
-
-    bench.nmt(0x81)
-    bench.run_ms(400)
-    assert bench.frames(0x705) == [b"\x00", b"\x00"]
-    assert bench.read(0x6065) == 2000
-
-
-def test_what_was_saved_survives_a_reset_and_what_is_delivered_comes_back_on_request(bench):
-    bench.write(0x6065, 0, 77, 4)
-    assert bench.write(0x1010, 1, SAVE, 4) == 0
-    bench.write(0x6065, 0, 88, 4)
-
-    bench.nmt(0x81)
-    bench.run_ms(400)
-    assert bench.read(0x6065) == 77
-
-    assert bench.write(0x1011, 1, LOAD, 4) == 0
-    assert bench.read(0x6065) == 77
-    bench.nmt(0x81)
-    bench.run_ms(400)
-    assert bench.read(0x6065) == 2000
-    assert bench.read(0x3001, 5) == 55736  # the commissioned motor is not the EDS's 0
 
 
 def test_a_mode_and_targets_are_never_saved(bench):
@@ -226,22 +166,6 @@ def test_object_1029_says_what_becomes_of_the_nmt_state(bench, behaviour, state)
     assert bench.frames(0x705)[-1] == bytes((state,))
 
 
-def test_an_enabled_epos4_slows_down_and_ends_in_fault_when_its_master_dies(bench):
-    bench.go_operational()
-    watch_master(bench)
-    bench.send(0x701, b"\x05")
-    bench.enable(torque=300)
-    bench.send(0x701, b"\x05")
-    bench.cycles(8, 0x0F, 10, 0, 300)
-
-    bench.cycles(4, 0x0F, 10, 0, 300)
-    bench.run_ms(1000)
-
-    assert bench.read(0x603F) == 0x8130
-    assert bench.state() == 0x08
-    assert bench.plant.velocity[0] == 0
-
-
 def test_an_epos4_is_reset_after_a_lost_master_only_after_reset_communication(bench):
     watch_master(bench)
     beat(bench)
@@ -275,17 +199,3 @@ def test_a_plain_drive_obeys_6007h_and_is_well_again_when_its_master_is_back(gen
     beat(generic)
     assert generic.frames(0x085) == [bytes.fromhex("3081110000000000"), bytes(8)]
     assert generic.state() == 0x07
-
-
-@pytest.mark.parametrize(("option", "state"), [(0, 0x27), (1, 0x08), (2, 0x40), (3, 0x07)])
-def test_each_abort_connection_option_of_a_plain_drive_does_what_it_says(generic, option, state):
-    generic.go_operational(torque=0x6077_0010)
-    generic.write(0x6007, 0, option, 2)
-    generic.write(0x605A, 0, 6, 2)
-    generic.write(0x1029, 1, 1, 1)
-    watch_master(generic)
-    generic.send(0x701, b"\x05")
-    generic.enable()
-    generic.run_ms(300)
-
-    assert generic.state() == state

@@ -31,7 +31,7 @@ FRAMES = st.lists(
 
 
 @given(frames=FRAMES)
-@settings(derandomize=True, max_examples=120, deadline=None)
+@settings(derandomize=True, max_examples=40, deadline=None)
 def test_at_each_sync_the_newest_rpdo_of_each_that_is_long_enough_is_used(frames):
     bench = Bench()
     bench.boot()
@@ -182,5 +182,5 @@ class PlainMapping(AnyMapping):
 def test_whatever_is_written_in_whatever_order_no_illegal_mapping_is_active(machine):
     run_state_machine_as_test(
         machine,
-        settings=settings(derandomize=True, max_examples=15, stateful_step_count=25, deadline=None),
+        settings=settings(derandomize=True, max_examples=8, stateful_step_count=25, deadline=None),
     )

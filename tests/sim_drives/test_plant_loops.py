@@ -145,21 +145,6 @@ def test_a_ramp_in_which_the_torque_does_not_suffice_takes_longer():
     assert stopping_s(4.0) > 1.5 * stopping_s(60.0)
 
 
-def test_the_speed_limit_holds_in_torque_mode_and_is_flagged():
-    plant = trainer(start={"hip": {"position_deg": -15.0}})
-    held(plant, SLIDE)
-    limited = order(HIP, Actuation.TORQUE, target_effort_si=60.0, velocity_limit_si=0.5)
-    plant.set_axis(HIP, limited)
-    fastest = 0.0
-    while plant.truth().position[HIP] < 0.4:
-        plant.advance(plant.now_ns + MS)
-        fastest = max(fastest, plant.truth().velocity[HIP])
-
-    assert plant.flags(HIP) & AxisFlag.SPEED_LIMITED
-    # A proportional limit: what the springs push on top costs load / gain.
-    assert 0.4 < fastest < 0.5 + 40.0 / 200.0
-
-
 def test_torque_never_exceeds_its_limit():
     plant = trainer(sensor=QUIET)
     plant.set_axis(HIP, order(HIP, Actuation.TORQUE, target_effort_si=60.0, effort_limit_si=10.0))

@@ -164,7 +164,7 @@ def hip_of_gait(phase, amplitude=1.0):
     return math.radians(13.98 + amplitude * swing)
 
 
-@pytest.mark.parametrize("cadence_hz", [0.15, 0.25, 0.5, 0.7])
+@pytest.mark.parametrize("cadence_hz", [0.15, 0.7])
 def test_the_patient_has_found_the_phase_four_strides_after_the_gait_has_begun(cadence_hz):
     """The gait rises over two strides in cadence and amplitude, as the service plays it."""
     stride = resting_stride(hip_of_gait(0.0, 0.0))

@@ -101,22 +101,6 @@ def test_the_boundaries_of_a_range_are_allowed(bench):
     assert bench.write(0x6085, 0, 0xFFFFFFFF, 4) == 0
 
 
-def test_a_string_travels_up_in_segments_of_seven_with_an_alternating_toggle(bench):
-    assert segments(bench, 0x1008, 0) == (b"Virtual EPOS4", 2)
-
-
-def test_a_string_travels_down_in_segments_and_can_be_read_back(generic):
-    text = b"the hip of the right leg"
-
-    assert download(generic, 0x2000, 0, text)[0] & 0xE0 == 0x20
-
-    assert segments(generic, 0x2000, 0) == (text, 4)
-
-
-def test_an_empty_string_is_one_empty_segment(generic):
-    assert segments(generic, 0x2000, 0) == (b"", 1)
-
-
 def test_a_download_of_another_length_than_announced_is_not_stored(generic):
     answer = download(generic, 0x2000, 0, b"0123456789", announced=11)
 
@@ -128,19 +112,6 @@ def test_a_string_that_does_not_fit_is_out_of_memory(generic):
     answer = download(generic, 0x2000, 0, bytes(300))
 
     assert abort_code(answer, 0x2000, 0) == AbortCode.OUT_OF_MEMORY
-
-
-def test_a_number_may_also_come_in_segments(bench):
-    assert download(bench, 0x6065, 0, (4321).to_bytes(4, "little"))[0] & 0xE0 == 0x20
-    assert bench.read(0x6065) == 4321
-
-
-def test_a_toggle_bit_out_of_turn_is_aborted_and_the_server_is_free_again(bench):
-    bench.sdo(struct.pack("<BHB", 0x40, 0x1008, 0))
-    bench.sdo(bytes((0x60,)))
-
-    assert abort_code(bench.sdo(bytes((0x60,))), 0x1008, 0) == 0x05030000
-    assert segments(bench, 0x1008, 0)[0] == b"Virtual EPOS4"
 
 
 def test_a_segment_that_belongs_to_no_transfer_is_aborted(bench):
@@ -164,18 +135,6 @@ def test_a_length_that_a_number_cannot_have_is_refused_when_it_is_announced(benc
     assert abort_code(too_short, 0x6065, 0) == 0x06070013
 
 
-def test_a_client_that_falls_silent_in_a_transfer_is_given_up_after_a_second(bench):
-    bench.sdo(struct.pack("<BHB", 0x40, 0x1008, 0))
-    bench.forget()
-    bench.run_ms(999)
-    assert bench.frames(0x585) == []
-
-    bench.run_ms(2000)
-
-    assert bench.frames(0x585) == [bytes.fromhex("8008100000000405")]
-    assert segments(bench, 0x1008, 0)[0] == b"Virtual EPOS4"
-
-
 def test_a_stopped_node_forgets_a_transfer_without_a_word(bench):
     bench.sdo(struct.pack("<BHB", 0x40, 0x1008, 0))
     bench.nmt(0x02)
@@ -185,13 +144,6 @@ def test_a_stopped_node_forgets_a_transfer_without_a_word(bench):
 
     bench.nmt(0x80)
     assert abort_code(bench.sdo(bytes((0x60,))), 0x1008, 0) == 0x05040001
-
-
-def test_a_clients_abort_is_not_answered_and_frees_the_server(bench):
-    bench.sdo(struct.pack("<BHB", 0x40, 0x1008, 0))
-
-    assert bench.ask(0x605, struct.pack("<BHBI", 0x80, 0x1008, 0, 0x08000000)) == []
-    assert bench.read(0x1018, 1) == 0xFB
 
 
 @pytest.mark.parametrize("request_bytes", [b"", b"\x40\x18\x10\x01", b"\x40" * 7])

@@ -265,6 +265,6 @@ class AnyOrder(RuleBasedStateMachine):
 
 
 AnyOrder.TestCase.settings = settings(
-    derandomize=True, max_examples=60, stateful_step_count=30, deadline=None
+    derandomize=True, max_examples=25, stateful_step_count=30, deadline=None
 )
 TestTheServerInAnyOrder = AnyOrder.TestCase

@@ -74,24 +74,6 @@ def test_the_counts_on_the_bus_are_where_the_joints_are(machine):
         assert sign * counts * step == pytest.approx(truth.position[axis], abs=2 * step)
 
 
-def test_both_axes_hold_a_pose_in_cyclic_position(machine):
-    start = machine.hold()
-    for _ in range(100):
-        machine.both(0x0F, 8, start)
-
-    assert machine.here() == pytest.approx(start, abs=40)
-    assert [machine.state(node_id) for node_id in (5, 6)] == [0x27, 0x27]
-
-
-def test_a_position_target_is_reached_with_the_drives_own_loops(machine):
-    start = machine.hold()
-    target = machine.sweep(start, 100, 30)
-    for _ in range(50):
-        machine.both(0x0F, 8, target)
-
-    assert machine.here()[0] == pytest.approx(target[0], abs=60)
-
-
 def test_the_current_on_the_bus_is_the_torque_on_the_joint(machine):
     start = machine.hold()
     for _ in range(30):
@@ -104,42 +86,6 @@ def test_the_current_on_the_bus_is_the_torque_on_the_joint(machine):
     current_ma = struct.unpack("<i", machine.frames(0x285)[-1][:4])[0]
     assert effort_nm == pytest.approx(0.15 * 27.868, rel=0.01)
     assert current_ma * 1e-3 * HIP_NM_PER_A == pytest.approx(effort_nm, abs=0.3)
-
-
-def test_a_quick_stop_falls_along_its_ramp_and_holds_the_leg(machine):
-    for node_id in (5, 6):
-        machine.write(0x6085, 0, round(3.0 * 100 * 60 / (2 * math.pi)), 4, node_id)  # hip: 3 rad/s²
-    start = machine.hold()
-    machine.sweep(start, 60, 100)
-    speed = machine.plant.truth().velocity[0]
-    assert speed == pytest.approx(100 * HIP_SI_PER_COUNT / 0.01, rel=0.1)
-
-    for node_id in (5, 6):
-        machine.write(0x6040, 0, 0x02, 2, node_id)
-    ramp_ms = speed / 3.0 * 1000
-    machine.run_ms(ramp_ms / 2)
-    assert machine.plant.truth().velocity[0] == pytest.approx(speed / 2, rel=0.15)
-    machine.run_ms(ramp_ms / 2 + 60)
-
-    assert abs(machine.plant.truth().velocity[0]) < 0.02
-    assert machine.state() == 0x07
-    assert machine.statusword() & 0x400
-    before = machine.plant.truth().position
-    machine.run_ms(2000)
-    assert machine.plant.truth().position == pytest.approx(before, abs=2e-3)
-
-
-def test_a_blocked_rotor_ends_in_a_following_error(machine):
-    machine.write(0x6065, 0, 300, 4)
-    start = machine.hold()
-    machine.world.command("blocked_rotor right/hip")
-    machine.forget()
-
-    machine.sweep(start, 10, 100)
-
-    assert machine.frames(0x085) == [bytes.fromhex("1186200000000000")]
-    assert machine.state() == 0x08
-    assert machine.state(6) == 0x27  # the other one is the master's to stop
 
 
 def codes(machine):
@@ -180,9 +126,7 @@ def session(seed):
     return machine.trace
 
 
-def test_the_same_seed_gives_the_same_trace_with_noise_and_jitter_in_it():
-    assert session(3) == session(3)
+def test_the_same_seed_gives_the_same_trace_with_noise_and_jitter_in_it_and_another_one_another():
+    once = session(3)
 
-
-def test_another_seed_gives_other_noise():
-    assert session(3) != session(4)
+    assert session(3) == once != session(4)

@@ -155,20 +155,6 @@ def test_the_command_ends_with_2_and_one_line_for_an_error_of_one_value(tmp_path
     )
 
 
-def test_the_command_refuses_an_endpoint_that_the_gateway_would_refuse(tmp_path):
-    demo = changed(
-        copied(tmp_path),
-        Change("demo.toml", "tcp/127.0.0.1:7447", "tcp/192.168.1.5:7447"),
-    )
-
-    ended = gaitd("check", "--config", demo)
-
-    assert ended.code == 2
-    assert "zenoh.listen[" in ended.err
-    assert "tcp/192.168.1.5:7447" in ended.err
-    assert "listen_beyond_loopback = true" in ended.err
-
-
 def test_the_command_shows_the_sweep_that_it_refuses(tmp_path):
     demo = changed(copied(tmp_path), *EMPTY_WITH_A_PATIENTS_SPRINGS)
 

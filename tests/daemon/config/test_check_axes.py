@@ -1,9 +1,6 @@
 """`gaitd check` of each axis: where its numbers come from, and what a drive may not be."""
 
-import json
-
 import pytest
-from command_line import gaitd
 from config_files import CONFIGS, Change, changed, copied
 from gaitd_texts import Reader, catalogue
 
@@ -155,20 +152,6 @@ def test_a_drive_whose_eds_lacks_what_bring_up_needs_is_refused(tmp_path):
     )
     assert len(report.axes[0].objections) > 1
     assert report.axes[1].objections == ()
-
-
-def test_the_command_ends_with_2_on_a_drive_that_the_eds_denies(tmp_path):
-    change = Change("drives/hip_epos4.toml", 'eds = "epos4.eds"', 'eds = "generic402.eds"')
-    demo = changed(copied(tmp_path), change)
-
-    ended = gaitd("check", "--json", "--config", demo)
-
-    assert ended.code == 2
-    assert ended.err.startswith(f"configuration error: {demo.parent}/drives/hip_epos4.toml: eds")
-    assert ended.err.count("\n") == 1
-    axis = json.loads(ended.out)["axes"][0]
-    assert axis["torque_source"]["object"] == "30D1h:02"
-    assert any("3001h:01 is not in the EDS" in line for line in axis["objections"])
 
 
 def test_an_eds_that_is_none_is_refused_by_its_axis_file(tmp_path):

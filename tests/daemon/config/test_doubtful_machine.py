@@ -33,8 +33,6 @@ EPOS4 = "drives/profiles/epos4.toml"
 HIP = "drives/hip_epos4.toml"
 SIGNS = '"proven": a motor connected the wrong way round runs away from the first hold'
 LOST_TURNS = "an encoder that has lost turns is believed"
-LIMIT = "{}: a command limits nothing"
-
 REFUSED = [
     row(
         *("trainer.toml", 'signs = "proven"', 'signs = "assumed"'),
@@ -134,10 +132,6 @@ WARNED = [
 
 LOOPS = [
     row(
-        *("trainer.toml", "slide.damping_n_s_per_m = 250.0", "slide.damping_n_s_per_m = 2000.0"),
-        *("hold.slide.damping_n_s_per_m", "2000.0", ">= "),
-    ),
-    row(
         *("trainer.toml", "hip.damping_nm_s_per_rad = 20.0", "hip.damping_nm_s_per_rad = 0.0"),
         *("hold.hip.damping_nm_s_per_rad", "0.0", ">= "),
     ),
@@ -229,7 +223,9 @@ def test_an_end_spring_that_friction_does_not_hold_is_a_warning(tmp_path, row):
 
 
 def test_the_values_that_a_refusal_allows_do_not_shake(tmp_path):
-    much = LOOPS[0].change
+    much = Change(
+        "trainer.toml", "slide.damping_n_s_per_m = 250.0", "slide.damping_n_s_per_m = 2000.0"
+    )
     (error,) = loop_errors(loop_meanings(load(trainer_with(tmp_path / "much", much))))
     least, most = (float(part.split()[-1]) for part in error.allowed.split(":")[0].split(" and "))
 
@@ -243,7 +239,7 @@ def test_the_values_that_a_refusal_allows_do_not_shake(tmp_path):
         assert (not list(loop_errors(meanings))) == stable
 
 
-@pytest.mark.parametrize("trainer", ["demo", "hil", "trainer", "two_legs", "vcan"])
+@pytest.mark.parametrize("trainer", ["demo", "trainer"])
 def test_every_shipped_loop_is_stable_and_one_soft_limit_has_a_small_margin(trainer):
     meanings = loop_meanings(load(CONFIGS / f"{trainer}.toml"))
 

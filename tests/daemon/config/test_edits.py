@@ -5,7 +5,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon.config.edits import EditError, edit
@@ -45,6 +45,7 @@ VALUES = st.one_of(
 )
 
 
+@settings(max_examples=30)
 @given(st.sampled_from(ALL), VALUES)
 def test_any_value_reaches_its_key_and_nothing_else_changes(tmp_path_factory, place, value):
     name, key = place

@@ -76,14 +76,14 @@ class Scene(NamedTuple):
     attacker: Target
 
 
-@pytest.fixture(scope="module", params=["no keys", "password", "certificate"])
-def scene(request, fake_core):
-    clients = {"controller.desk": False, "controller.other": request.param == "certificate"}
-    with running(fake_core, clients if request.param != "no keys" else None) as service:
+@pytest.fixture(scope="module")
+def scene(fake_core):
+    """Without keys; what clients with keys may is in test_roles.py."""
+    with running(fake_core, None) as service:
         yield Scene(service, service.target("controller.desk"), service.target("controller.other"))
 
 
-@pytest.fixture(params=["client", "peer", "router"])
+@pytest.fixture(params=["client", "router"])
 def mode(request):
     return request.param
 
@@ -165,7 +165,6 @@ def test_a_client_that_listens_to_everything_learns_no_setpoint_no_lease_and_no_
 # --- what everybody can ---------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("scene", ["no keys"], indirect=True)
 def test_without_keys_everybody_may_ask_stop_listen_and_learn_what_was_before(
     scene, mode, eventually
 ):

@@ -73,8 +73,7 @@ def broken(*_args, **_kwargs):
     raise ZeroDivisionError("ours")
 
 
-@pytest.mark.parametrize("name", ["enable", "status", "stop"])
-@pytest.mark.parametrize("where", ["read_ask", "answer"])
+@pytest.mark.parametrize(("name", "where"), [("enable", "read_ask"), ("stop", "answer")])
 def test_a_bug_in_one_query_fails_that_query_alone_and_is_told(
     bench, ask, monkeypatch, caplog, name, where
 ):
@@ -87,8 +86,9 @@ def test_a_bug_in_one_query_fails_that_query_alone_and_is_told(
             patch.setattr(asked, "answer", broken)
         bench.cycle(asked)
         bench.cycle(stop_count=bench.levels[-1].stop_count)
-        for _ in range(900):
-            bench.cycle(stop_count=bench.levels[-1].stop_count)
+        for _ in range(9):
+            bench.write(stop_count=bench.levels[-1].stop_count)
+            bench.turn(after_ms=1000)
 
     bench.cycle(other)
 
@@ -142,7 +142,7 @@ def turn(tmp_path):
     return made
 
 
-@pytest.mark.parametrize("at_byte", range(0, 200, 9))
+@pytest.mark.parametrize("at_byte", range(0, 200, 33))
 def test_one_damaged_byte_in_a_kept_ring_costs_that_ring_and_the_gateway_starts(
     kept_rings, tmp_path, at_byte
 ):

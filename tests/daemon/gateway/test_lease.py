@@ -159,7 +159,7 @@ STEPS = st.lists(
 )
 
 
-@settings(derandomize=True, max_examples=200, deadline=None)
+@settings(derandomize=True, max_examples=60, deadline=None)
 @given(steps=STEPS)
 def test_there_is_never_more_than_one_holder_and_none_without_a_time(steps):
     desk, now_ns = LeaseManager(RULES), 0

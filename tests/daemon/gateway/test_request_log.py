@@ -14,8 +14,8 @@ from power_cuts import check
 from traced_calls import mark
 
 from daemon.ipc.record import Verdict
+from daemon.recorder import audit_file
 from daemon.recorder.audit_file import (
-    LINES_WAITING_MAX,
     NAME,
     RequestFile,
     fields_of,
@@ -284,10 +284,11 @@ def test_a_disk_that_is_full_loses_nothing_when_it_has_room_again(book):
     assert len([line for line in book.lines() if line["kind"] == "answered"]) == 20
 
 
-def test_lines_for_which_there_is_no_room_are_counted(tmp_path):
+def test_lines_for_which_there_is_no_room_are_counted(tmp_path, monkeypatch):
+    monkeypatch.setattr(audit_file, "LINES_WAITING_MAX", 200)
     book = Book(tmp_path)
     with mock.patch.object(os, "write", side_effect=OSError(28, "No space left on device")):
-        for _ in range(LINES_WAITING_MAX + 100):
+        for _ in range(300):
             book.ask("enable")
         book.turn()
         book.disk.settle()

@@ -158,7 +158,7 @@ STEPS = st.lists(
 )
 
 
-@settings(derandomize=True, max_examples=200, deadline=None)
+@settings(derandomize=True, max_examples=60, deadline=None)
 @given(steps=STEPS)
 def test_every_query_gets_one_answer_and_the_stop_count_never_falls(make_record, steps):
     desk, now_ns, boot = RequestQueue(), 0, 0

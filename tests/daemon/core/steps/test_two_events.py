@@ -6,11 +6,9 @@ from typing import Any
 import exploration
 import pytest
 from exploration import SHORT, BrokenError, Search
-from gaitd_names import Cause, Mode, Trigger
+from gaitd_names import Cause, Mode
 
-from daemon.core.modes import table
-from daemon.core.safety import stop_sequence
-from daemon.core.steps import impedance, supervisor, wanted
+from daemon.core.steps import impedance, supervisor
 from drives.signals import PowerRequest
 
 
@@ -43,27 +41,6 @@ def test_no_two_events_at_once_break_an_invariant_in_sixty_states_of_each_class(
 # --- the search can fail --------------------------------------------------------------------------
 
 
-def _without_unexpected_power(core, found, cycle):
-    if wanted.is_driving(core):
-        for verdict in found:
-            supervisor.stop(core, verdict, cycle)
-    if found and core.mode == Mode.READY:
-        supervisor._take_resting_verdict(core, found[0])
-
-
-def _first_verdict_only(core, found, cycle):
-    TAKE_VERDICTS(core, found[-1:], cycle)
-
-
-def _well_at_rest(core):
-    core.disabling = True
-    COME_TO_REST(core)
-
-
-def _milder(stop, step, joint, cycle):
-    return stop_sequence.begin(step, joint, cycle)
-
-
 def _enabled_in_a_stop(core, axis):
     return PowerRequest.ENABLE if core.mode == Mode.STOPPING else POWER(core, axis)
 
@@ -72,34 +49,10 @@ def _kept_apart(core, verdict, axis):
     return FIRST_STEP(core, verdict, axis) if verdict.drive in {"", axis.name} else 0
 
 
-TAKE_VERDICTS = supervisor._take_verdicts
-COME_TO_REST = supervisor._come_to_rest
 FIRST_STEP = supervisor._first_step
 POWER = impedance._power
 MUTATIONS: dict[str, tuple[object, str, Callable[..., object], str]] = {
-    "axes stop apart": (supervisor, "_stop_together", lambda *_: None, "holds while|still enabled"),
     "the newest verdict is latched": (supervisor, "_replaces", lambda *_: True, "becomes"),
-    "no verdict takes the place of another": (
-        supervisor,
-        "_replaces",
-        lambda *_: False,
-        "is latched",
-    ),
-    "enable has no guard": (table, "_refuse_enable", lambda _: None, "without a sample"),
-    "unexpected power is no reason to stop": (
-        supervisor,
-        "_take_verdicts",
-        _without_unexpected_power,
-        "has power without a request",
-    ),
-    "only the last verdict counts": (supervisor, "_take_verdicts", _first_verdict_only, "found"),
-    "each stop ends well": (supervisor, "_come_to_rest", _well_at_rest, "without a reset"),
-    "a stop may become milder": (
-        stop_sequence,
-        "harsher",
-        _milder,
-        "goes back|holds while|not stopped by it",
-    ),
     "a stop does not take power away": (impedance, "_power", _enabled_in_a_stop, "told to enable"),
     "the other axis only holds": (supervisor, "_first_step", _kept_apart, "not stopped by it"),
 }
@@ -114,16 +67,6 @@ def test_a_planted_fault_is_found_with_the_way_to_it(mutation, monkeypatch):
         Search().run(2, pairs_per_class=1, pairs_every=3)
 
     assert "\n  off: nothing" in str(broken.value)
-
-
-def test_a_mode_without_its_row_in_the_table_is_found(monkeypatch):
-    rows = {
-        key: mode for key, mode in table.TRANSITIONS.items() if key != (Mode.GAIT, Trigger.STOP)
-    }
-    monkeypatch.setattr(table, "TRANSITIONS", rows)
-
-    with pytest.raises(BrokenError, match="IllegalTransitionError"):
-        Search().run(2)
 
 
 def test_a_stop_that_never_ends_is_found(monkeypatch):
