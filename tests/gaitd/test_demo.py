@@ -8,8 +8,10 @@ import socket
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from urllib.error import URLError
 from urllib.request import urlopen
 
 import pytest
@@ -88,47 +90,55 @@ def known_truth(address: str) -> bool:
     return any(row[at] is not None for row in past["rows"]["right"])
 
 
-@pytest.fixture(scope="module")
-def played(tmp_path_factory):
-    """A demonstration to its end; its page is looked at in the gait, and then killed."""
-    folder, port = tmp_path_factory.mktemp("demo"), free_port()
-    picture, document = folder / "new" / "demo.png", folder / "document"
-    address = f"http://127.0.0.1:{port}"
-    words = ("--seconds", 15, "--plot", picture, "--engineer-port", port, "--json")
-    with document.open("w") as out, started(*words, stdout=out, stderr=subprocess.PIPE) as demo:
-        read_until(demo.stderr, f"the engineer's page: {address}/\n")
-        read_until(demo.stderr, "gait is announced")
-        with urlopen(address, timeout=10) as answer:
-            title = answer.read().decode()
-        end_s = time.monotonic() + 60
-        while not known_truth(address):
-            assert time.monotonic() < end_s
-            time.sleep(0.1)
-        client = "gaitd_lab.demonstration.client_process"
-        (page,) = [pid for pid in descendants(demo.pid) if runs(pid, client)]
-        os.kill(page, signal.SIGKILL)
-        err = demo.stderr.read()
-    return demo.returncode, document.read_text(), err, picture, title
+@pytest.fixture
+def in_process(monkeypatch):
+    """The command leaves the signals of these tests alone."""
+    monkeypatch.setattr("signal.signal", lambda *_: None)
 
 
-def test_the_demonstration_plays_judges_and_draws_also_if_its_page_is_killed(played):
-    code, out, err, picture, page = played
+def look_and_kill(address):
+    """Open the engineer's page, wait until it knows the truth of an estimate, and kill it."""
+    end_s = time.monotonic() + 120
+    while True:
+        with suppress(URLError, ConnectionError):
+            with urlopen(address, timeout=10) as answer:
+                title = answer.read().decode()
+            break
+        assert time.monotonic() < end_s
+        time.sleep(0.05)
+    while not known_truth(address):
+        assert time.monotonic() < end_s
+        time.sleep(0.05)
+    client = "gaitd_lab.demonstration.client_process"
+    (page,) = [pid for pid in descendants(os.getpid()) if runs(pid, client)]
+    os.kill(page, signal.SIGKILL)
+    return title
 
-    assert code == 0, out + err
-    assert "<title>gaitd live</title>" in page
-    assert "all within bounds, no stop" in err
-    assert f"picture: {picture}" in err
+
+@pytest.mark.usefixtures("in_process")
+def test_the_demonstration_plays_judges_and_draws_also_if_its_page_is_killed(tmp_path):
+    port, picture = free_port(), tmp_path / "new" / "demo.png"
+    words = ("--headless", "--pace", "max", "--seconds", 15, "--engineer-port", port, "--json")
+    with ThreadPoolExecutor(1) as beside:
+        page = beside.submit(look_and_kill, f"http://127.0.0.1:{port}")
+        ran = gaitd("demo", *words, "--plot", picture)
+
+    assert ran.code == 0, ran.out + ran.err
+    assert "<title>gaitd live</title>" in page.result()
+    assert f"the engineer's page: http://127.0.0.1:{port}/\n" in ran.err
+    assert "all within bounds, no stop" in ran.err
+    assert f"picture: {picture}" in ran.err
     assert picture.read_bytes().startswith(b"\x89PNG")
-    assert len(dict(printed_errors(err))) == 4, err
-    assert json.loads(out)["picture"] == str(picture)
+    assert len(dict(printed_errors(ran.err))) == 4, ran.err
+    assert json.loads(ran.out)["picture"] == str(picture)
 
 
 @pytest.mark.thorough
-def test_a_second_demonstration_finds_the_same_errors(played, tmp_path):
-    again = play(tmp_path / "again.png", "--pace", "max")
+def test_a_second_demonstration_finds_the_same_errors(tmp_path):
+    first, again = (play(tmp_path / "one.png", "--pace", "max") for _ in range(2))
 
     assert dict(printed_errors(again.stdout)) == pytest.approx(
-        dict(printed_errors(played[2])), rel=AGREEMENT_RATIO, abs=ROUNDING
+        dict(printed_errors(first.stdout)), rel=AGREEMENT_RATIO, abs=ROUNDING
     )
 
 
@@ -148,9 +158,9 @@ def test_a_patient_who_tires_gets_help_as_needed(tmp_path):
 
 
 @pytest.mark.thorough
-def test_a_training_session_is_walked_on_the_pages_of_patient_and_therapist(monkeypatch):
+@pytest.mark.usefixtures("in_process")
+def test_a_training_session_is_walked_on_the_pages_of_patient_and_therapist():
     """The one that is interrupted has all its processes, `test_story.py` all its phases."""
-    monkeypatch.setattr("signal.signal", lambda *_: None)
     with socket.create_server(("127.0.0.1", 0)) as busy:
         ports = ("--patient-port", free_port(), "--therapist-port", busy.getsockname()[1])
         ran = gaitd("demo", "--session", "--pace", "max", "--engineer-port", 0, *ports, "--json")

@@ -1,7 +1,6 @@
 """What is left on the disk of a stop, when processes die and when they do not. Real processes."""
 
 import json
-import signal
 from pathlib import Path
 
 import pytest
@@ -66,34 +65,6 @@ def test_a_stop_by_the_hand_switch_is_kept_and_told_and_its_requests_are_in_the_
     assert "hand_switch_open" in {one.get("cause") for one in lines}
 
 
-def test_a_core_that_is_killed_leaves_its_last_seconds_to_the_gateway(walking):
-    boot_id = walking.boot_id()
-    walking.kill("core")
-
-    walking.wait(lambda: kept(walking, boot_id, "core_silent"), 60)
-
-    file = kept(walking, boot_id, "core_silent")
-    assert file.kept.active
-    assert file.kept.last_seq == walking.newest().seq
-    assert gaitd("blackbox", "show", file.path).code == 0
-
-
-def test_when_both_are_killed_the_next_gateway_keeps_the_ring_that_it_finds(walking):
-    boot_id = walking.boot_id()
-    walking.kill("gateway")
-    walking.kill("core")
-    last = walking.newest().seq
-    assert kept(walking, boot_id, "core_ended") is None
-
-    walking.start_gateway()
-    walking.wait(lambda: kept(walking, boot_id, "core_ended"), 60)
-
-    file = kept(walking, boot_id, "core_ended")
-    assert file.kept.active
-    assert file.kept.last_seq == last
-    assert (walking.folder / "run" / RING_NAME).exists()
-
-
 def test_when_both_are_killed_and_the_core_is_back_first_its_ring_is_still_kept(
     walking, fault_table
 ):
@@ -123,14 +94,3 @@ def test_when_both_are_killed_and_the_core_is_back_first_its_ring_is_still_kept(
         "none",
         "ready",
     )
-
-
-def test_an_orderly_end_is_kept_before_the_gateway_is_gone(walking):
-    boot_id = walking.boot_id()
-    for part in ("core", "gateway"):
-        walking.parts[part].send_signal(signal.SIGTERM)
-        assert walking.parts[part].wait(60) == 0
-
-    assert kept(walking, boot_id, "shutdown") is not None
-    lines = (state(walking) / "requests.jsonl").read_text().splitlines()
-    assert json.loads(lines[-1])["kind"] == "end"

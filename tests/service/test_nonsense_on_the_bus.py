@@ -1,4 +1,6 @@
-"""CAN fuzz of the running service as processes: a station on the bus that talks nonsense.
+"""CAN fuzz of the running service as processes: a station on the bus that talks nonsense in a gait.
+
+Nonsense in other modes is that of tests/conformance, in lock-step.
 
 `pytest --fuzz-minutes=N` lets it talk for N minutes each, from a seed of its own, which is in the
 names of the tests.
@@ -14,7 +16,6 @@ from gaitd_names import Mode
 from processes import Service
 from random_frames import KINDS, controller_error, is_command
 
-from drives.canopen.bus import Frame
 from gaitd_lab.processes import memory_folder
 
 PERIOD_S = 0.01
@@ -23,7 +24,6 @@ BURST_MAX = 9
 TALK_S = 2.0
 TIMEOUT_S = 300.0
 REFUSED = 3
-ENABLE_BIT = 0x08
 GAIT = ("mode", "gait", "--cadence", "0.25", "--amplitude", "1", "--duration", "600")
 SPOKEN = tuple(kind for kind in KINDS if kind is not controller_error)
 """An error frame is the controller's, not a station's."""
@@ -50,20 +50,17 @@ def pytest_generate_tests(metafunc):
 @pytest.fixture
 def talk(service, seed, talk_s):
     def run():
-        """Talk; the RPDOs that the service sent meanwhile."""
-        rng, commands = random.Random(seed), []
+        rng = random.Random(seed)
         with service.listener() as bus, service.held():
             for _ in range(round(talk_s / PERIOD_S)):
                 for frame in (rng.choice(SPOKEN)(rng) for _ in range(rng.randint(1, BURST_MAX))):
                     if not is_command(frame):
                         bus.send(message(frame))
                 service.run(rng.uniform(0.5, 1.5) * PERIOD_S)
-                while (heard := bus.recv(0)) is not None:
-                    frame = Frame(heard.arbitration_id, bytes(heard.data))
-                    commands += [frame] if is_command(frame) else []
+                while bus.recv(0) is not None:
+                    pass
                 if not service.runs("core"):
                     break
-        return commands
 
     return run
 
@@ -81,21 +78,6 @@ def judge(service):
     assert code is None or "right/" in service.log("core")
     for part in service.parts:
         assert "Traceback" not in service.log(part), service.log(part)
-
-
-def test_nonsense_in_ready_enables_nothing_moves_nothing_and_ends_no_process(service, talk):
-    service.until(lambda record: record.mode == Mode.READY, 40)
-    before = service.truth()[-1]
-
-    commands = talk()
-
-    judge(service)
-    after = service.truth()[-1]
-    assert abs(float(after["hip_angle_rad"]) - float(before["hip_angle_rad"])) < 0.01
-    assert abs(float(after["slide_position_m"]) - float(before["slide_position_m"])) < 0.01
-    words = [frame.data[0] for frame in commands if frame.can_id in (0x205, 0x206)]
-    assert not any(word & ENABLE_BIT for word in words)
-    assert not any(record.mode.active for record in service.records())
 
 
 def test_nonsense_while_walking_stops_the_machine_and_ends_no_process(service, talk):

@@ -21,7 +21,6 @@ from gaitd_lab.patients import (
     resisting,
     spastic,
     tiring,
-    trembling,
     weak,
 )
 from sim_drives.plant.settings import FrictionLaw
@@ -211,19 +210,13 @@ def test_help_against_half_of_the_need_is_halved_within_four_strides_of_a_recove
 
 
 def test_a_resisting_patient_is_guided_and_not_pushed_hard(warm_gym):
-    walk = warm_gym.walk(resisting, 7)
+    walk = warm_gym.walk(resisting, 4)
 
-    is_helped_well(walk)
+    goes_on_unrefused(walk)
+    does_not_brake_what_leads(walk)
     assert stiffness(walk)[2] > 0.85
     assert min(stiffness(walk)[2:]) > 0.8
     is_not_pushed_hard(walk)
-
-
-def test_a_tremor_is_told_with_its_frequency_and_amplitude(warm_gym):
-    walk = warm_gym.walk(trembling, 4)
-
-    goes_on_unrefused(walk)
-    trembles(walk)
 
 
 @pytest.mark.thorough
