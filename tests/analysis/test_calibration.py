@@ -98,9 +98,11 @@ def silent(_words: str, _share: float) -> None:
 
 
 def in_few_steps(run: Source, robot: Robot) -> Calibration:
-    """A calibration whose searches end early; those of the thorough tests go on."""
+    """A calibration whose few searches end early; those of the thorough tests go on."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("analysis.calibration.fit.STEPS_MAX", 14)
+        patch.setattr("analysis.calibration.fit.STEPS_MAX", 6)
+        patch.setattr("analysis.calibration.fit.START_ENCODERS", (1.0,))
+        patch.setattr("analysis.calibration.fit.START_HUMPS", (0.01, 0.01))
         return calibrate([run], robot)
 
 

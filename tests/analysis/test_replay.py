@@ -23,7 +23,7 @@ HEADER = ["time_s", "hip_angle_rad", "slide_position_m", "hip_torque_nm", "slide
 
 @pytest.fixture(scope="module")
 def session() -> LockstepSession:
-    return new_session().walk(duration_s=8.0)
+    return new_session().walk(duration_s=4.0)
 
 
 @pytest.fixture(scope="module")
@@ -77,14 +77,6 @@ def test_a_csv_of_the_same_session_gives_the_same_estimates(session, ring, tmp_p
     b = estimate(read(path), ROBOT)
 
     assert np.array_equal(a.state, b.state, equal_nan=True)
-
-
-def test_a_second_replay_gives_the_same_bits(ring):
-    first, second = (estimate(read(ring), ROBOT) for _ in range(2))
-
-    assert first.state.tobytes() == second.state.tobytes()
-    assert first.std.tobytes() == second.std.tobytes()
-    assert first.status.tobytes() == second.status.tobytes()
 
 
 def test_words_about_the_progress_change_no_bit(ring, monkeypatch):

@@ -48,10 +48,7 @@ def test_without_gaps_nothing_is_changed():
     assert np.array_equal(same.state, estimates.state)
 
 
-@pytest.mark.parametrize(
-    "rows", [1, *(pytest.param(n, marks=pytest.mark.thorough) for n in (2, 30))]
-)
-def test_the_shortest_recordings_can_be_drawn(rows, tmp_path):
-    draw(*made(np.arange(rows) * 0.01), tmp_path / "a.png")
+def test_a_recording_of_one_row_can_be_drawn(tmp_path):
+    draw(*made(np.arange(1) * 0.01), tmp_path / "a.png")
 
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")

@@ -61,16 +61,10 @@ def test_a_share_that_there_is_not_is_an_empty_cell(walked, tmp_path):
     assert row["share_ratio"] == row["share_ratio_std"] == ""
 
 
-@pytest.mark.parametrize("repeats", [0, pytest.param(1, marks=pytest.mark.thorough), 30])
-def test_the_picture_is_drawn_for_no_strides_and_for_many(walked, tmp_path, repeats):
-    columns, smooth, found = walked
-    path = tmp_path / "strides.png"
+def test_the_picture_is_drawn_for_no_strides(walked):
+    columns, smooth, _ = walked
 
-    figure = stride_figure.draw(found * repeats, columns.time_s, smooth)
-    figure.savefig(path)
-
-    assert len(figure.axes) == 4
-    assert path.stat().st_size > 10_000
+    assert len(stride_figure.draw([], columns.time_s, smooth).axes) == 4
 
 
 def test_an_axis_without_figures_has_empty_cells_no_bar_and_no_part_in_the_mean(walked, tmp_path):
@@ -86,7 +80,10 @@ def test_an_axis_without_figures_has_empty_cells_no_bar_and_no_part_in_the_mean(
     out = tmp_path / "strides.csv"
 
     stride_table.write_csv([(0.0, stride) for _, stride in strides], out)
-    stride_figure.draw(strides, columns.time_s, smooth).savefig(tmp_path / "strides.png")
+    figure = stride_figure.draw(strides, columns.time_s, smooth)
+    figure.savefig(tmp_path / "strides.png")
+    assert len(figure.axes) == 4
+    assert (tmp_path / "strides.png").stat().st_size > 10_000
     lines = list(stride_lines(strides, (out, None)))
 
     row, *_, last = csv.DictReader(out.open())

@@ -71,12 +71,6 @@ def warm_position_gait(position_configs):
 
 
 @pytest.fixture(scope="session")
-def warm_fast_position_gait(position_configs):
-    """The same at 0.5 Hz."""
-    return new_session(position_configs).walk(cadence_hz=0.5, duration_s=6.0)
-
-
-@pytest.fixture(scope="session")
 def generic_configs(tmp_path_factory):
     return generic_drives(tmp_path_factory.mktemp("generic"))
 
@@ -85,12 +79,6 @@ def generic_configs(tmp_path_factory):
 def warm_generic_hold(generic_configs):
     """Both axes hold with the CiA-standard drives, which go on holding without their master."""
     return new_session(generic_configs).enable()
-
-
-@pytest.fixture(scope="session")
-def warm_generic_gait(generic_configs):
-    """A gait at 0.25 Hz with the same drives."""
-    return new_session(generic_configs).walk(duration_s=8.0)
 
 
 @pytest.fixture(params=["impedance", "position"])
@@ -107,6 +95,6 @@ def warm_guided_hold(request, guidance):
 
 @pytest.fixture
 def warm_guided_gait(request, guidance):
-    """A gait at 0.25 Hz by either guidance."""
+    """A gait by either guidance."""
     name = "warm_gait" if guidance == "impedance" else "warm_position_gait"
     return request.getfixturevalue(name)

@@ -58,10 +58,3 @@ def test_the_numbers_do_not_hang_on_one_seed(tmp_path, seed):
     session.run(4)
 
     assert_within(scores(session, 8), hip_nm=0.6, slide_n=3.0)
-
-
-def test_drives_that_speak_per_mille_do_the_same_job(warm_generic_gait):
-    warm_generic_gait.command("patient active")
-    warm_generic_gait.run(1)
-
-    assert_within(scores(warm_generic_gait, 2), hip_nm=0.6, slide_n=3.0)

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from controllers import Controller, constant
-from gaitd_names import Cause, Mode, RequestKind, Role, SetpointRefusal
+from gaitd_names import Cause, Mode, RequestKind, Role
 from msgspec.structs import replace as replace_fields
 from records import both
 from sessions import elsewhere
@@ -75,23 +75,14 @@ def test_a_stiffness_scale_softens_guidance_by_its_rate_and_is_given_back_the_sa
     assert np.abs(np.diff(ratios)).max() <= STIFFNESS_STEP * 1.001
 
 
-@pytest.mark.parametrize(
-    ("law", "how"),
-    [(constant(hip_nm=8.0), "hangs"), (constant(stiffness_ratio=0.3), "lease ends")],
-)
-def test_a_gait_under_a_controller_that_is_gone_brakes_where_the_leg_is_and_holds(
-    walking, law, how
-):
-    session, controller = walking(law)
+def test_a_gait_under_a_controller_that_is_gone_brakes_where_the_leg_is_and_holds(walking):
+    session, _ = walking(constant(stiffness_ratio=0.3))
     session.run(1)
-    if how == "hangs":
-        controller.running = False
-    else:
-        session.gateway.end_lease()
+    session.gateway.end_lease()
 
     held = session.run_until(lambda record: record.mode == Mode.HOLD, within_s=0.3)
     records = session.records
-    session.run(1)
+    session.run(0.6)
 
     record = session.record
     assert (record.mode, record.verdict.cause) == (Mode.HOLD, Cause.NONE)
@@ -114,16 +105,15 @@ def test_a_gait_under_a_controller_that_is_gone_brakes_where_the_leg_is_and_hold
         assert abs(now.target_effort - was.target_effort) < small
 
 
-@pytest.mark.parametrize("ever", [False, True])
-def test_a_gait_in_which_nothing_is_in_force_does_not_care_about_leases(walking, ever):
-    session, controller = walking(constant(hip_nm=5.0) if ever else constant())
+def test_a_gait_in_which_nothing_is_in_force_does_not_care_about_leases(walking):
+    session, controller = walking(constant(hip_nm=5.0))
     session.run(0.3)
     controller.law = constant()
     session.run(0.2)
     session.gateway.end_lease()
     controller.running = False
 
-    session.run(1)
+    session.run(0.5)
 
     record = session.record
     assert (record.mode, record.assist.lapse_count) == (Mode.GAIT, 0)
@@ -171,32 +161,6 @@ def test_the_end_of_a_gait_ends_its_assist_without_a_lapse(walking):
     assert record.legs[0].stiffness_ratio == pytest.approx(1.0)
 
 
-def test_with_position_guidance_assist_in_a_gait_is_refused_and_the_gait_goes_on(
-    warm_position_gait,
-):
-    Controller(warm_position_gait.gateway, constant(hip_nm=5.0))
-
-    warm_position_gait.run(0.5)
-
-    record = warm_position_gait.record
-    assert record.mode == Mode.GAIT
-    assert record.assist.refused_count.get(SetpointRefusal.GUIDANCE_IS_POSITION, 0) >= 49
-    assert both(record.legs[0], "assist") == (0.0, 0.0)
-
-
-def test_assist_of_one_holder_is_not_taken_over_by_the_next_one(walking):
-    session, _ = walking(constant(hip_nm=8.0))
-    session.run(1)
-
-    Controller(session.gateway, constant(hip_nm=-8.0))
-    session.run_until(lambda record: record.mode == Mode.HOLD, within_s=0.1)
-    session.run(0.5)
-
-    record = session.record
-    assert (record.mode, record.verdict.cause) == (Mode.HOLD, Cause.NONE)
-    assert all(one.legs[0].hip.assist >= 0 for one in session.records[-60:])
-
-
 def asking_as(gateway, role, cap_nm):
     """From now on requests come from a client of this role, with a plan that caps the hip."""
     plan = Plan(1.0, 1.0, 600.0, hip=AxisPlan(cap_nm))
@@ -208,23 +172,6 @@ def asking_as(gateway, role, cap_nm):
         ]
 
     gateway.change = of_role
-
-
-@pytest.mark.parametrize("role", [Role.SESSION, Role.OPERATOR])
-def test_the_released_plan_caps_assist_in_a_gait_that_a_session_has_requested(warm_hold, role):
-    asking_as(warm_hold.gateway, role, 4.0)
-    controller = Controller(warm_hold.gateway, constant(hip_nm=4.0))
-    warm_hold.execute(RequestKind.MODE, GAIT)
-    warm_hold.run(0.5)
-    assert warm_hold.record.legs[0].hip.assist == pytest.approx(4.0)
-
-    controller.law = constant(hip_nm=4.1)
-    warm_hold.run(0.2)
-
-    is_session = role is Role.SESSION
-    refused = warm_hold.record.assist.refused_count.get(SetpointRefusal.OUT_OF_RANGE, 0)
-    assert refused >= 10 if is_session else refused == 0
-    assert warm_hold.record.mode == (Mode.HOLD if is_session else Mode.GAIT)
 
 
 def test_the_cap_is_that_of_the_newest_gait_also_where_it_is_higher_than_before(warm_hold):

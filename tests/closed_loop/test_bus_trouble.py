@@ -6,7 +6,6 @@ from gaitd_names import Cause, EventCode, Mode, Outcome, RequestKind
 from sessions import new_session, reported
 
 from drives.canopen.bus import Frame
-from drives.signals import PowerState
 
 MS = 1_000_000
 ENABLING = 0b1000
@@ -49,24 +48,13 @@ def test_while_the_controller_is_bus_off_nothing_is_sent_at_all(session):
     assert session.record.verdict.cause == Cause.BUS_OFF
 
 
-def test_bus_off_is_told_once_and_every_axis_counts_as_lost(session):
-    put(session, BUS_OFF, BUS_OFF)
-    session.run(1)
-
-    assert session.record.mode == Mode.FAULT
-    assert session.record.bus.bus_off_count == 2
-    assert all(drive.position is None for drive in session.record.drives)
-    assert told_count(session, EventCode.CAN_OFF) == 1
-
-
-@pytest.mark.parametrize("restarted_after_ms", [0, 300])
-def test_a_controller_that_comes_back_enables_nothing_before_a_reset(session, restarted_after_ms):
+def test_a_controller_that_comes_back_enables_nothing_before_a_reset(session):
     before = len(session.bus.sent)
     put(session, BUS_OFF)
-    session.run(restarted_after_ms * 1e-3)
+    session.run(0.3)
     put(session, RESTARTED)
 
-    session.run(2)
+    session.run(0.5)
 
     assert session.record.mode == Mode.FAULT
     assert session.record.verdict.cause == Cause.BUS_OFF
@@ -76,21 +64,11 @@ def test_a_controller_that_comes_back_enables_nothing_before_a_reset(session, re
     assert session.record.mode == Mode.READY
 
 
-def test_a_reset_is_tried_also_when_the_report_of_the_restart_was_lost(session):
-    put(session, BUS_OFF)
-    session.run(1)
-
-    answer = session.request(RequestKind.RESET)
-
-    assert answer.outcome == Outcome.DONE, answer.refusal
-    assert session.record.bus.condition == "active"
-
-
 def test_bus_off_at_rest_is_not_brought_up_again_without_a_request(warm_ready):
     put(warm_ready, BUS_OFF)
     warm_ready.run(0.1)
     put(warm_ready, RESTARTED)
-    warm_ready.run(3)
+    warm_ready.run(1.5)
 
     assert warm_ready.record.mode == Mode.FAULT
     assert warm_ready.record.verdict.cause == Cause.BUS_OFF
@@ -269,12 +247,3 @@ def test_nmt_stop_of_a_lost_drive_that_finds_a_full_queue_is_sent_again_until_it
 
     assert refused == []
     assert [f.data for f in sent[before:] if f.can_id == 0x000] == [b"\x02\x05"]
-
-
-def test_the_drives_show_that_they_were_stopped_when_the_queue_is_free_again(session):
-    FullQueue(session).refusals = 3 * 5
-
-    session.run(1)
-
-    states = {drive.power_state for drive in session.record.drives}
-    assert states == {PowerState.QUICK_STOP_ACTIVE}

@@ -7,7 +7,6 @@ import pytest
 from gaitd_names import Cause, EventCode, Failure, Mode, Outcome, RefusalCode, RequestKind, Stage
 from sessions import CONFIGS, changed_configs, elsewhere, new_session, reported, single_axis_run
 
-from daemon.core.modes.persistent_state import PersistentState
 from daemon.ipc.record import ModeRequest
 from daemon.ipc.report import Refusal
 from drives.signals import PowerState
@@ -138,11 +137,8 @@ def test_the_torque_of_a_sign_test_is_bounded_in_the_drive_and_by_the_core(warm_
     assert PowerState.OPERATION_ENABLED not in {record.drives[1].power_state for record in records}
 
 
-@pytest.mark.parametrize(
-    "fault", ["wrong_sign", pytest.param("encoder_reversed", marks=pytest.mark.thorough)]
-)
-def test_a_motor_or_an_encoder_the_wrong_way_round_is_found_after_a_little_motion(session, fault):
-    session.command(f"{fault} right/hip")
+def test_a_motor_or_an_encoder_the_wrong_way_round_is_found_after_a_little_motion(session):
+    session.command("wrong_sign right/hip")
     before = session.truth.rows[-1].hip_angle_rad
 
     records = sign_test(session, HIP)
@@ -153,8 +149,8 @@ def test_a_motor_or_an_encoder_the_wrong_way_round_is_found_after_a_little_motio
     assert session.request(RequestKind.ENABLE).outcome == Outcome.REFUSED
 
 
-@pytest.mark.parametrize("fault", ["hand_switch_open right/hip", "sto_open right/hip"])
-def test_a_sign_test_stops_like_everything_else_and_proves_nothing(session, fault):
+def test_a_sign_test_stops_like_everything_else_and_proves_nothing(session):
+    fault = "hand_switch_open right/hip"
     asked(session, HIP)
     session.run_until(lambda record: record.mode == Mode.COMMISSION, within_s=10)
     session.run(0.6)
@@ -162,7 +158,7 @@ def test_a_sign_test_stops_like_everything_else_and_proves_nothing(session, faul
     session.command(fault)
     session.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
 
-    assert session.record.verdict.cause in {Cause.HAND_SWITCH_OPEN, Cause.STO_ACTIVE}
+    assert session.record.verdict.cause == Cause.HAND_SWITCH_OPEN
     session.command(f"clear {fault}")
     assert session.request(RequestKind.RESET).outcome == Outcome.DONE
     assert asked(session, HIP, witnessed=True).outcome == Outcome.REFUSED
@@ -207,16 +203,8 @@ def test_a_proof_outlives_a_restart(configs, proof):
     assert again.request(RequestKind.ENABLE).outcome == Outcome.DONE
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        ("plant.toml", "serial_number = 305_000_005", "serial_number = 305_000_099"),
-        ("drives/hip_epos4.toml", "sign = 1", "sign = -1"),
-        ("drives/hip_epos4.toml", "gear_ratio = 100.0", "gear_ratio = 100.5"),
-    ],
-    ids=["another drive", "another sign", "another gear"],
-)
-def test_a_proof_is_of_one_drive_and_one_transmission(proof, tmp_path, change):
+def test_a_proof_is_of_one_drive_and_one_transmission(proof, tmp_path):
+    change = ("drives/hip_epos4.toml", "gear_ratio = 100.0", "gear_ratio = 100.5")
     changed = changed_configs(tmp_path, *EMPTY, PROVEN, change)
     again = new_session(changed, proof).until_ready()
 
@@ -265,30 +253,17 @@ def test_a_drive_without_a_serial_number_is_another_one_after_a_restart(warm_nam
     assert again.state_file.persistent.axis(HIP).proof is None
 
 
-@pytest.mark.parametrize(
-    "line", ["reboot right/hip 0.3", pytest.param("silent right/hip 1", marks=pytest.mark.thorough)]
-)
-def test_a_drive_without_a_serial_number_is_another_one_after_it_was_out_of_sight(
-    warm_nameless, line
-):
+def test_a_drive_without_a_serial_number_is_another_one_after_it_was_out_of_sight(warm_nameless):
     session, _ = warm_nameless
     session.run(0.1)
-    session.command(line)
-    session.run(3.0)
+    session.command("reboot right/hip 0.3")
+    session.run(1.0)
     session.until_ready()
 
     refused = session.request(RequestKind.ENABLE)
 
     assert refused.outcome == Outcome.REFUSED
     assert refused.refusal == Refusal(RefusalCode.SIGN_NOT_PROVEN, HIP)
-
-
-def test_notes_that_cannot_be_read_prove_nothing(configs):
-    session = new_session(configs, PersistentState(damaged=True)).until_ready()
-
-    refused = session.request(RequestKind.ENABLE)
-
-    assert refused.outcome == Outcome.REFUSED
 
 
 def test_the_configuration_of_a_real_trainer_asks_for_proven_signs_and_a_stored_pose():
@@ -360,7 +335,7 @@ def test_a_drive_that_is_lost_before_the_motion_ends_the_request_for_good(sessio
 def test_a_drive_that_is_swapped_after_its_test_is_not_proven_by_it(warm_tested):
     session, _ = warm_tested
     session.command("wrong_identity right/hip")
-    session.run(6.0)
+    session.run(4.0)
     session.run_until(lambda record: record.mode == Mode.READY, within_s=10)
 
     assert asked(session, HIP, witnessed=True).outcome == Outcome.REFUSED

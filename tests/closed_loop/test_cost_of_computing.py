@@ -7,7 +7,7 @@ from sessions import elsewhere, new_session
 from daemon.ipc.record import CycleRecord
 from sim_drives.time.conductor import computing_cost
 
-WALK_S = 1.0
+WALK_S = 0.5
 
 
 def costly(session, seed):

@@ -65,7 +65,6 @@ def test_a_drive_that_holds_the_leg_after_a_stop_keeps_its_watch_on_the_core(
 @pytest.mark.parametrize(
     ("command", "shown", "cause", "word"),
     [
-        ("hand_switch_open *", Input.HAND_SWITCH_CLOSED, Cause.HAND_SWITCH_OPEN, QUICK_STOP),
         ("sto_open *", Input.STO_RELEASED, Cause.STO_ACTIVE, DISABLE_VOLTAGE),
     ],
 )

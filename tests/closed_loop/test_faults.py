@@ -17,18 +17,13 @@ def stopped_by(session, line):
     return session.run_until(lambda record: not record.mode.active, within_s=2)
 
 
-@pytest.mark.parametrize(
-    ("fault", "drive", "later_s"),
-    [("wrong_sign {}", "right/hip", 0.0), ("encoder_reversed {}", "right/slide", 0.8)],
-)
-def test_a_drive_that_turns_out_to_be_wired_the_wrong_way_round_is_stopped_at_once(
-    warm_gait, fault, drive, later_s
-):
+def test_a_drive_that_turns_out_to_be_wired_the_wrong_way_round_is_stopped_at_once(warm_gait):
     """It is named and loses its power."""
-    warm_gait.run(later_s)
+    drive = "right/slide"
+    warm_gait.run(0.8)
     begun_ns = warm_gait.record.sync_mono_ns
 
-    stopped = stopped_by(warm_gait, fault.format(drive))
+    stopped = stopped_by(warm_gait, f"encoder_reversed {drive}")
     warm_gait.run(0.1)
 
     assert stopped.sync_mono_ns - begun_ns < 500_000_000
@@ -51,21 +46,6 @@ def test_a_drive_that_stops_badly_stops_all_the_same(warm_gait, fault, drive):
     stopped_by(warm_gait, f"hand_switch_open {drive}")
 
     reaches_rest_in_fault(warm_gait)
-
-
-def test_reset_brings_the_drives_up_again_and_enables_nothing(warm_gait):
-    stopped_by(warm_gait, "reboot right/hip")
-    reaches_rest_in_fault(warm_gait)
-    warm_gait.run(1)
-
-    answer = warm_gait.request(RequestKind.RESET)
-    warm_gait.run(0.3)
-
-    assert answer.outcome == Outcome.DONE, answer.refusal
-    record = warm_gait.record
-    assert record.mode == Mode.READY
-    assert {drive.power_state for drive in record.drives} == {PowerState.SWITCH_ON_DISABLED}
-    assert warm_gait.request(RequestKind.ENABLE).outcome == Outcome.DONE
 
 
 def test_a_reset_while_the_hand_switch_is_open_is_refused_with_the_reason(warm_gait):
@@ -94,7 +74,7 @@ def test_one_reset_is_one_edge_also_of_a_drive_whose_cause_lasts(warm_hold):
     begun = len(warm_hold.bus.sent)
 
     warm_hold.request(RequestKind.RESET)
-    warm_hold.run(1.0)
+    warm_hold.run(0.5)
 
     words = [
         int.from_bytes(frame.data[:2], "little")

@@ -8,16 +8,6 @@ from records import both
 from sessions import empty_machine, new_session, reported
 
 
-def excited(configs, duration_s=18.0):
-    session = new_session(configs).excite("open_loop", duration_s)
-    session.run(duration_s)
-    return session
-
-
-def advice(session):
-    return reported(session.records, EventCode.CALIBRATION_ADVISED)
-
-
 def test_friction_a_tenth_higher_than_calibrated_is_told_once_with_its_size(tmp_path):
     """The hip's is higher everywhere; the slide's rises along it, which its file does not say."""
     configs = empty_machine(tmp_path)
@@ -27,12 +17,13 @@ def test_friction_a_tenth_higher_than_calibrated_is_told_once_with_its_size(tmp_
     worn = worn.replace("stribeck_nm = 7.0", "stribeck_nm = 7.7")
     worn = worn.replace("slide.slope_per_m = 0.0", "slide.slope_per_m = 0.9")
     (configs / "robot_worn.toml").write_text(worn.replace("coulomb_nm = 6.0", "coulomb_nm = 6.6"))
-    session = excited(configs)
+    session = new_session(configs).excite("open_loop", 15.0)
+    session.run(15.0)
 
     leg = session.record.legs[0]
     assert leg.hip.friction_error == pytest.approx(0.6, rel=0.3)
     assert leg.hip.drift_correlation < -0.8
-    (advised,) = advice(session)
+    (advised,) = reported(session.records, EventCode.CALIBRATION_ADVISED)
     error_nm, correlation = advised.values
     assert advised.subject == "right/hip"
     assert 0.0 < error_nm < 1.0
@@ -52,4 +43,4 @@ def test_with_a_patient_in_the_machine_the_number_is_there_and_no_advice(session
     leg = session.record.legs[0]
     assert all(map(math.isfinite, both(leg, "drift_correlation")))
     assert leg.hip.friction_error < -1.0
-    assert not advice(session)
+    assert not reported(session.records, EventCode.CALIBRATION_ADVISED)

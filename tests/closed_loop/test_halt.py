@@ -65,7 +65,7 @@ def set_halt_option(session, option):
 
 @pytest.mark.parametrize(
     ("kind", "option", "mode"),
-    [("position", None, CSP), ("generic", 1, CST), ("generic", 2, CST)],
+    [("position", None, CSP), ("generic", 2, CST)],
 )
 def test_a_halt_brakes_holds_in_operation_enabled_and_goes_on_when_released(
     warm_enabled, option, mode

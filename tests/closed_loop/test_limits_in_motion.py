@@ -6,10 +6,7 @@ import pytest
 from gaitd_names import Cause, Mode, RequestKind
 from sessions import (
     changed_configs,
-    elmo_drives,
-    generic_drives,
     new_session,
-    position_guidance,
     reaches_rest_in_fault,
 )
 from wire import change_what_drives_say
@@ -18,32 +15,7 @@ from daemon.core.steps import monitors
 from daemon.ipc.record import ModeRequest
 from observer.filter.status import Status, Validity
 
-DRIVES = ("right/hip", "right/slide")
-LOST = {Cause.DRIVE_SILENT, Cause.HEARTBEAT_LOST, Cause.DRIVE_REBOOTED}
 STUCK = {Cause.ENCODER_FROZEN, Cause.TRACKING_LIMIT, Cause.OBSERVER_INVALID}
-STOPPING = [
-    ("right/hip", "lost_tpdo {}", LOST),
-    ("right/hip", "late_tpdo {} - 6", LOST),
-    ("right/slide", "silent {}", LOST),
-    ("right/hip", "unplugged {}", LOST),
-    ("right/slide", "bus_off {}", LOST),
-    ("right/slide", "bus_passive {}", {Cause.EMERGENCY, Cause.DRIVE_FAULT}),
-    ("right/slide", "reboot {}", LOST),
-    ("right/slide", "emcy {} - 0x2310", {Cause.EMERGENCY, Cause.DRIVE_FAULT}),
-    ("right/slide", "frozen_encoder {}", STUCK),
-    ("right/slide", "encoder_glitch {} - 2000", {Cause.ENCODER_JUMP}),
-    ("right/slide", "blocked_rotor {}", STUCK),
-    ("right/slide", "hand_switch_open {}", {Cause.HAND_SWITCH_OPEN}),
-    ("right/hip", "limit_switch_on {} - 1", {Cause.LIMIT_SWITCH}),
-    ("right/slide", "sto_open {}", {Cause.STO_ACTIVE}),
-    ("right/slide", "deaf {}", LOST),
-    ("right/slide", "wrong_identity {}", LOST),
-    ("right/slide", "brake_stuck {}", STUCK),
-    ("right/hip", "wrong_sign {}", {Cause.SIGN_WRONG}),
-    ("right/slide", "encoder_reversed {}", {Cause.SIGN_WRONG}),
-    ("right/hip", "torque_offset {} - 3000", {Cause.EFFORT_DEVIATION}),
-]
-"""Drive, command of the virtual drive with a place for its name, and causes."""
 HELD = (Mode.HOLD, Cause.NONE)
 
 
@@ -51,29 +23,12 @@ def stopped_by(session, within_s):
     return session.run_until(lambda record: not record.mode.active, within_s=within_s)
 
 
-@pytest.mark.parametrize(
-    "cadence_hz", [0.5, pytest.param(0.25, marks=pytest.mark.thorough)], ids="{} Hz".format
-)
-def test_no_shipped_patient_who_works_against_it_stops_the_gait(
-    cadence_hz, warm_gait, warm_fast_gait
-):
-    session = warm_fast_gait if cadence_hz == 0.5 else warm_gait
+def test_no_shipped_patient_who_works_against_it_stops_the_gait(warm_fast_gait):
+    session = warm_fast_gait
 
     for patient in ("resisting", "pushes"):  # tests of accuracy play the others
         session.command(f"patient {patient}")
-        session.run(1.0 / cadence_hz)
-
-    assert session.record.mode == Mode.GAIT
-
-
-@pytest.mark.parametrize("make", ["generic", "position", "elmo"])
-@pytest.mark.thorough
-def test_no_make_of_drive_nor_its_own_loops_stop_a_fast_gait(make, tmp_path):
-    configs = {"generic": generic_drives, "position": position_guidance, "elmo": elmo_drives}
-    session = new_session(configs[make](tmp_path)).walk(cadence_hz=0.5, duration_s=4.0)
-
-    session.command("patient active")
-    session.run(8.0)
+        session.run(2.0)
 
     assert session.record.mode == Mode.GAIT
 
@@ -86,22 +41,19 @@ def test_quick_steps_and_sines_of_torque_are_followed(warm_hold):
     assert warm_hold.record.mode == Mode.HOLD
 
 
-@pytest.mark.parametrize(
-    ("drive", "value_ma"),
-    [("right/hip", -2000), pytest.param("right/slide", 2500, marks=pytest.mark.thorough)],
-)
-def test_a_current_sensor_that_shows_too_much_is_found_within_a_stride(warm_gait, drive, value_ma):
+def test_a_current_sensor_that_shows_too_much_is_found_within_a_stride(warm_gait):
     """A larger step at once, 14 N m or 80 N, looks like a spasm and stops as one before that."""
+    drive = "right/hip"
     warm_gait.run(1.0)
 
-    warm_gait.command(f"torque_offset {drive} - {value_ma}")
+    warm_gait.command(f"torque_offset {drive} - -2000")
     stopped = stopped_by(warm_gait, 6.0)
 
     assert stopped.verdict.cause == Cause.EFFORT_DEVIATION
     assert stopped.verdict.drive == drive
 
 
-@pytest.mark.parametrize("drive", DRIVES)
+@pytest.mark.parametrize("drive", ["right/slide"])
 def test_a_current_sensor_that_shows_torque_without_power_is_found_before_anything_moves(
     warm_ready, drive
 ):
@@ -112,11 +64,8 @@ def test_a_current_sensor_that_shows_torque_without_power_is_found_before_anythi
     assert (verdict.cause, verdict.drive) == (Cause.EFFORT_DEVIATION, drive)
 
 
-@pytest.mark.parametrize(
-    "law", ["paper_sticking", pytest.param("lugre", marks=pytest.mark.thorough)]
-)
-def test_an_axis_that_sticks_while_the_other_one_moves_is_no_frozen_encoder(law, tmp_path):
-    change = ("plant.toml", 'law = "paper"', f'law = "{law}"')
+def test_an_axis_that_sticks_while_the_other_one_moves_is_no_frozen_encoder(tmp_path):
+    change = ("plant.toml", 'law = "paper"', 'law = "paper_sticking"')
     session = new_session(changed_configs(tmp_path, change)).walk(cadence_hz=0.5)
 
     session.command("patient resisting")
@@ -125,19 +74,8 @@ def test_an_axis_that_sticks_while_the_other_one_moves_is_no_frozen_encoder(law,
     assert session.record.mode == Mode.GAIT
 
 
-@pytest.mark.parametrize(("guidance", "drive"), [("impedance", DRIVES[1]), ("position", DRIVES[0])])
-def test_a_frozen_encoder_is_found_by_whoever_guides(warm_guided_gait, drive):
-    warm_guided_gait.command(f"frozen_encoder {drive}")
-    stopped_by(warm_guided_gait, 3.0)
-    reaches_rest_in_fault(warm_guided_gait)
-
-    verdict = warm_guided_gait.record.verdict
-    assert (verdict.cause, verdict.drive) == (Cause.ENCODER_FROZEN, drive)
-
-
-@pytest.mark.parametrize("cadence_hz", [0.25, 0.5])
-def test_a_spasm_first_softens_the_guidance_and_then_stops(cadence_hz, warm_gait, warm_fast_gait):
-    session = warm_fast_gait if cadence_hz == 0.5 else warm_gait
+def test_a_spasm_first_softens_the_guidance_and_then_stops(warm_fast_gait):
+    session = warm_fast_gait
     session.run(0.3)
     leg = session.core.legs[0]
     assert leg.softened.spasm_ratio == 1.0
@@ -226,24 +164,19 @@ def blind(session, monkeypatch):
     return session
 
 
-NEEDS_MOTION = ("frozen_encoder", "encoder_glitch", "blocked_rotor", "wrong_sign", "torque_offset")
+NEEDS_MOTION = [
+    ("right/slide", "frozen_encoder {}", STUCK),
+    ("right/slide", "encoder_glitch {} - 2000", {Cause.ENCODER_JUMP}),
+    ("right/hip", "wrong_sign {}", {Cause.SIGN_WRONG}),
+    ("right/hip", "torque_offset {} - 3000", {Cause.EFFORT_DEVIATION}),
+]
 """Faults that the core finds in positions and efforts; a drive or the bus tells the others."""
 OBSERVERS_OWN = {Cause.OBSERVER_INVALID, Cause.SPASM, Cause.CLONUS}
 
 
-@pytest.mark.parametrize(
-    ("fault", "causes", "drive"),
-    [
-        pytest.param(
-            *(command, causes, drive),
-            id=command.split()[0],
-            marks=() if command.split()[0] in NEEDS_MOTION else pytest.mark.thorough,
-        )
-        for drive, command, causes in STOPPING
-    ],
-)
+@pytest.mark.parametrize(("drive", "fault", "causes"), NEEDS_MOTION)
 def test_an_observer_that_says_plausible_constants_hides_no_other_stop(
-    warm_gait, fault, causes, drive, monkeypatch
+    warm_gait, drive, fault, causes, monkeypatch
 ):
     blind(warm_gait, monkeypatch)
 

@@ -3,7 +3,6 @@
 `tests/daemon/core/safety/test_sign_response.py` has the rule; `gaitd patients` plays all patients.
 """
 
-import msgspec
 import numpy as np
 import pytest
 from gaitd_names import Cause, Mode, RequestKind, StopCategory
@@ -11,7 +10,6 @@ from records import both
 from sessions import CONFIGS, briefly_announced, changed_configs, new_session
 
 from daemon.config.robot import leg_parameters
-from daemon.core.modes.persistent_state import PersistentState
 from daemon.ipc.record import ModeRequest
 from daemon.preflight.load import load
 from drives.signals import PowerState
@@ -19,36 +17,26 @@ from gaitd_lab.lockstep import LockstepSession
 from gaitd_lab.lockstep_gateway import Gateway
 from gaitd_lab.patients import Patient, of_ability
 from gaitd_lab.proven_signs import proven_signs
-from gaitd_lab.virtual_machine import load_plant, virtual_machine
+from gaitd_lab.virtual_machine import virtual_machine
 from observer.mechanism.mechanism import singularity_ratio
-from sim_drives.plant.settings import FrictionLaw
 
 CADENCE_HZ = 0.5
 SLIDE = "right/slide"
 
 
-def walking(ability, *, proven=True, law=FrictionLaw.PAPER, cadence_hz=CADENCE_HZ, serial=True):
+def walking(ability):
     """A session in which a patient of this ability has begun to walk."""
     settings = briefly_announced(load(CONFIGS / "demo.toml"))
-    _, plant = load_plant(settings.file)
-    plant = msgspec.structs.replace(
-        plant, friction=msgspec.structs.replace(plant.friction, law=law)
-    )
-    if not serial:
-        change = msgspec.structs.replace
-        drives = plant.drives["right"]
-        slide = change(drives.slide, serial_number=0)
-        plant = change(plant, drives={"right": change(drives, slide=slide)})
-    machine = virtual_machine(settings.file, plant=plant, seed=1)
+    machine = virtual_machine(settings.file, seed=1)
     trainer = machine.trainers["right"]
     patient = Patient(settings.robot, of_ability(ability), seed=1)
     session = LockstepSession(
         settings,
         machine,
         gateway=Gateway(lambda record: trainer.exert(*patient(record))),
-        persistent=proven_signs(settings, machine) if proven else PersistentState(),
+        persistent=proven_signs(settings, machine),
     )
-    return session.walk(cadence_hz=cadence_hz)
+    return session.walk(cadence_hz=CADENCE_HZ)
 
 
 @pytest.fixture(scope="module")
@@ -70,16 +58,6 @@ def test_a_patient_who_gives_more_than_the_need_walks_on(warm_strong):
     assert warm_strong.record.mode == Mode.GAIT
 
 
-@pytest.mark.parametrize(
-    "how", [{"proven": False}, pytest.param({"serial": False}, marks=pytest.mark.thorough)]
-)
-def test_without_a_trusted_sign_the_same_patient_is_stopped_as_a_wrong_sign_is(how):
-    verdict = stops(walking(1.4, **how), within_s=8.0)
-
-    assert (verdict.cause, verdict.drive) == (Cause.SIGN_WRONG, SLIDE)
-    assert verdict.category == StopCategory.S0
-
-
 def test_a_person_is_the_cause_where_the_response_is_unclear_and_both_axes_are_held():
     session = walking(2.5)
 
@@ -95,15 +73,7 @@ def test_a_person_is_the_cause_where_the_response_is_unclear_and_both_axes_are_h
 
 @pytest.mark.parametrize(
     ("fault", "later_s"),
-    [
-        ("wrong_sign", 0.0),
-        ("encoder_reversed", 0.3),
-        *(
-            pytest.param(fault, later_s, marks=pytest.mark.thorough)
-            for fault in ("wrong_sign", "encoder_reversed")
-            for later_s in (0.9, 1.2)
-        ),
-    ],
+    [("wrong_sign", 0.0), ("encoder_reversed", 0.3)],
 )
 def test_a_real_reversal_is_found_while_a_strong_patient_works(warm_strong, fault, later_s):
     session = warm_strong
@@ -156,7 +126,7 @@ def doubts(session):
     return [stored.axis(axis.name).proof.doubted for axis in session.core.axes]
 
 
-def test_a_drive_that_rebooted_is_in_doubt_until_it_is_tested():
+def test_a_drive_that_rebooted_is_in_doubt():
     settings = load(CONFIGS / "demo.toml")
     machine = virtual_machine(settings.file, seed=1)
     session = LockstepSession(settings, machine, persistent=proven_signs(settings, machine))
@@ -171,9 +141,3 @@ def test_a_drive_that_rebooted_is_in_doubt_until_it_is_tested():
     assert all(axis.sign_proven for axis in session.core.axes)
 
     assert doubts(session) == [False, True]
-
-    session.enable().execute(RequestKind.MODE, ModeRequest(Mode.SELF_TEST))
-    session.until(Mode.HOLD, within_s=60)
-    session.run(0.1)
-    assert trust(session) == [True, True]
-    assert doubts(session) == [False, False]

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bench_motor import KINDS, BenchWorld, OneBus, bench
+from bench_motor import BenchWorld, OneBus, bench
 from durand.scheduler import get_scheduler, set_scheduler
 from gaitd_names import Cause, Mode, Outcome, RefusalCode, RequestKind
 from sessions import single_axis_run
@@ -26,8 +26,8 @@ OF_THE_SLIDE = {base + 6 for base in (0x080, 0x180, 0x280, 0x380, 0x580, 0x700)}
 
 
 class Bench(LockstepSession):
-    def __init__(self, folder, kind):
-        settings = accepted(bench(folder, kind=kind))
+    def __init__(self, folder):
+        settings = accepted(bench(folder, kind="epos4"))
         self.motor = BenchWorld(settings.drives[0])
         log = TruthLog(None)
         machine = virtual_machine(
@@ -47,14 +47,14 @@ class Bench(LockstepSession):
         return self
 
 
-@pytest.fixture(scope="module", params=KINDS)
-def walked(request, tmp_path_factory):
+@pytest.fixture(scope="module")
+def walked(tmp_path_factory):
     """A session from power-on to a stride and a half, and through the loss of the bench's drive.
 
     The EPOS4 of the bench has no objects but those of its maker's EDS.
     """
     before = get_scheduler()
-    session = Bench(tmp_path_factory.mktemp("bench"), request.param)
+    session = Bench(tmp_path_factory.mktemp("bench"))
     session.unproven = session.until_ready().request(RequestKind.ENABLE)
     session.proven().enable()
     session.run(0.5)
@@ -95,17 +95,13 @@ def test_both_walk_and_the_virtual_leg_goes_with_the_motor_of_the_bench(walked):
     assert [row.hip_angle_rad for row in true[2:]] == pytest.approx(hips[:-2], abs=2e-4)
 
 
-@pytest.mark.parametrize("place", [(0x1800, 5), (0x1801, 5), (0x1802, 5), (0x607C, 0)])
-def test_the_epos4_of_the_bench_has_no_object_that_its_maker_s_file_lacks(walked, place):
-    has = place[0] in walked.motor.hip.dictionary
+def test_the_bench_has_no_object_that_its_maker_s_file_lacks(walked):
+    has = walked.motor.hip.dictionary
 
-    if walked.motor.is_epos4 and place[1] == 0:
-        assert not has
-    elif walked.motor.is_epos4:
+    assert 0x607C not in has
+    for index in (0x1800, 0x1801, 0x1802):
         with pytest.raises(KeyError):
-            walked.motor.hip.dictionary.lookup(*place)
-    else:
-        assert has
+            has.lookup(index, 5)
 
 
 def test_the_temperature_of_the_bench_s_drive_is_read(walked):

@@ -18,7 +18,7 @@ from gaitd_names import (
     SelfTestDue,
     Untested,
 )
-from sessions import changed_configs, elsewhere, new_session, position_guidance, reported, two_legs
+from sessions import changed_configs, elsewhere, new_session, reported
 
 from daemon.core.modes.persistent_state import PersistentState
 from daemon.ipc.record import ModeRequest, RequestResult
@@ -29,7 +29,6 @@ from gaitd_lab.lockstep import LockstepSession
 DAILY = ("demo.toml", 'required = "never"', 'required = "daily"')
 SELF_TEST = ModeRequest(Mode.SELF_TEST)
 GAIT = ModeRequest(Mode.GAIT, cadence_hz=0.25, amplitude_ratio=0.5, duration_s=5.0)
-EXCITE = ModeRequest(Mode.EXCITE, duration_s=5.0, scenario="open_loop")
 PICKY = (
     ("demo.toml", "slide.load_tolerance_n = 80.0", "slide.load_tolerance_n = 8.0"),
     ("demo.toml", "friction_min_ratio = 0.5", "friction_min_ratio = 0.9"),
@@ -112,47 +111,11 @@ def test_enable_waits_until_hand_switch_and_emergency_stop_have_been_seen_to_act
     )
 
 
-def test_a_switch_that_one_drive_alone_has_seen_is_named_for_the_other(warm_day):
-    warm_day.command("hand_switch_open right/hip 0.3")
-    warm_day.run(0.5)
-
-    answer = warm_day.request(RequestKind.ENABLE)
-
-    assert answer.refusal == Refusal(
-        RefusalCode.INPUT_UNTESTED, "right/hip", (Untested.STO_ACTIVE,)
-    )
-    assert ("right/slide", Untested.HAND_SWITCH_OPEN) in warm_day.core.inputs_untested
-
-
-def test_what_was_seen_today_counts_after_a_restart_and_not_a_day_later(daily, warm_seen):
-    persistent = disabled(warm_seen)
-
-    enabled(new_session(daily, persistent).until_ready())
-    later = new_session(daily, persistent)
-    later.clock.utc_stepped_ns = 21 * HOUR_NS
-    later.until_ready()
-
-    refusal = later.request(RequestKind.ENABLE).refusal
-    assert refusal is not None
-    assert refusal.code is RefusalCode.INPUT_UNTESTED
-    assert refusal.values == (Untested.HAND_SWITCH_OPEN,)
-
-
 # --- active -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("wanted", [GAIT, EXCITE])
-def test_without_a_self_test_nothing_moves(warm_seen, wanted):
-    assert ask(warm_seen, wanted).refusal == due(SelfTestDue.NOT_PASSED_TODAY)
-
-
-@pytest.mark.parametrize(
-    "guidance", ["impedance", pytest.param("position", marks=pytest.mark.thorough)]
-)
-def test_a_machine_as_configured_passes_and_may_walk_then(tmp_path, warm_tested, guidance):
-    session, _ = warm_tested
-    if guidance == "position":
-        session = put_to_test(enabled(seen_to_act(new_session(position_guidance(tmp_path, DAILY)))))
+def test_a_machine_as_configured_is_moved_axis_by_axis_passes_and_may_walk_then(warm_tested):
+    session, begun = warm_tested
 
     note = session.state_file.persistent.self_test
     assert note is not None
@@ -162,6 +125,7 @@ def test_a_machine_as_configured_passes_and_may_walk_then(tmp_path, warm_tested,
     assert abs(note.axes["right/hip"].load_error_si) < 0.5
     assert abs(note.axes["right/slide"].load_error_si) < 3.0
     assert session.record.mode == Mode.HOLD
+    assert_one_axis_after_the_other(session.truth.rows[begun:])
     assert ask(session, GAIT).outcome == Outcome.DONE
 
 
@@ -179,10 +143,8 @@ def test_a_machine_as_configured_passes_at_the_highest_speeds_that_are_allowed(t
     assert all(axis.friction_ratio == pytest.approx(1.0, abs=0.2) for axis in note.axes.values())
 
 
-def test_it_moves_one_axis_after_the_other_by_no_more_than_configured(warm_tested):
-    session, begun = warm_tested
-
-    rows = session.truth.rows[begun:]
+def assert_one_axis_after_the_other(rows):
+    """Each is moved by no more than configured."""
     hips = [row.hip_angle_rad for row in rows]
     slides = [row.slide_position_m for row in rows]
     assert 0.05 < max(hips) - min(hips) < 0.08
@@ -195,10 +157,6 @@ def test_it_moves_one_axis_after_the_other_by_no_more_than_configured(warm_teste
         if abs(row.hip_velocity_rad_per_s) > 0.05 and abs(row.slide_velocity_m_per_s) > 0.025
     ]
     assert not together
-
-
-def test_hand_guiding_does_not_wait_for_a_self_test(warm_seen):
-    assert ask(warm_seen, ModeRequest(Mode.HAND_GUIDING)).outcome == Outcome.DONE
 
 
 @pytest.mark.thorough
@@ -250,70 +208,24 @@ def test_a_machine_that_is_not_as_configured_is_found_and_named(tmp_path, worn, 
     assert not note.passed
 
 
-@pytest.fixture(scope="module")
-def warm_short(tmp_path_factory):
+def test_a_failed_test_is_tested_again_before_anything_moves(tmp_path):
     """So short a way that a jammed hip is not pushed as hard as at a frozen encoder."""
     short = ("demo.toml", "hip.motion_deg = 4.0", "hip.motion_deg = 2.5")
-    return new_session(changed_configs(tmp_path_factory.mktemp("short"), short)).enable()
-
-
-@pytest.mark.parametrize(
-    ("finding", "before"),
-    [
-        pytest.param(Finding.NOT_MOVED_FORTH, MotionPhase.REST, marks=pytest.mark.thorough),
-        (Finding.NOT_MOVED_BACK, MotionPhase.TURN),
-    ],
-)
-def test_a_leg_that_does_not_move_with_its_reference_is_told_with_the_way(
-    warm_short, finding, before
-):
-    ask(warm_short, SELF_TEST)
-    way = Progress(ProgressCode.TESTING, "right/hip", (before,))
-    warm_short.run_until(lambda record: record.progress == way, within_s=5)
-
-    warm_short.command("blocked_rotor right/hip")
-    stopped = warm_short.run_until(lambda record: record.mode == Mode.STOPPING, within_s=10)
-
-    verdict = stopped.verdict
-    assert (verdict.cause, verdict.drive) == (Cause.SELF_TEST_FAILED, "right/hip")
-    assert verdict.finding is finding
-
-
-def test_a_failed_test_is_tested_again_before_anything_moves(tmp_path):
-    configs = changed_configs(
-        tmp_path, DAILY, ("demo.toml", "friction_max_ratio = 1.6", "friction_max_ratio = 1.001")
-    )
-    session = put_to_test(enabled(seen_to_act(new_session(configs))))
+    session = enabled(seen_to_act(new_session(changed_configs(tmp_path, DAILY, short))))
+    ask(session, SELF_TEST)
+    way = Progress(ProgressCode.TESTING, "right/hip", (MotionPhase.TURN,))
+    session.run_until(lambda record: record.progress == way, within_s=5)
+    session.command("blocked_rotor right/hip")
+    session.run_until(lambda record: record.mode == Mode.FAULT, within_s=10)
     verdict = session.record.verdict
     assert (verdict.cause, verdict.drive) == (Cause.SELF_TEST_FAILED, "right/hip")
-    assert verdict.finding is Finding.FRICTION_MORE
+    assert verdict.finding is Finding.NOT_MOVED_BACK
 
+    session.command("clear blocked_rotor right/hip")
     assert session.request(RequestKind.RESET).outcome == Outcome.DONE
     enabled(session)
 
     assert ask(session, GAIT).refusal == due(SelfTestDue.FAILED)
-
-
-def test_a_test_that_is_broken_off_counts_for_nothing(warm_seen):
-    ask(warm_seen, SELF_TEST)
-    warm_seen.run(1.0)
-
-    assert ask(warm_seen, ModeRequest(Mode.HOLD)).outcome == Outcome.DONE
-
-    assert ask(warm_seen, GAIT).refusal == due(SelfTestDue.NOT_PASSED_TODAY)
-
-
-@pytest.mark.thorough
-def test_both_legs_are_tested_one_after_the_other(tmp_path):
-    configs = two_legs(tmp_path)
-    session = new_session(configs).enable()
-
-    put_to_test(session)
-
-    note = session.state_file.persistent.self_test
-    assert note is not None
-    assert set(note.axes) == {"right/hip", "right/slide", "left/hip", "left/slide"}
-    assert note.passed
 
 
 # --- for how long -----------------------------------------------------------------------------
@@ -329,33 +241,6 @@ def disabled(session: LockstepSession) -> PersistentState:
 def passed(daily, warm_tested) -> tuple[Path, PersistentState]:
     session, _ = warm_tested
     return daily, elsewhere(session, disabled)
-
-
-def test_it_counts_for_its_hours_and_no_longer(passed):
-    configs, persistent = passed
-    session = new_session(configs, persistent)
-    session.clock.utc_stepped_ns = 21 * HOUR_NS
-
-    later = session.until_ready()
-
-    assert later.core.self_test_due is SelfTestDue.TOO_OLD
-
-
-def test_a_clock_that_goes_back_while_it_runs_is_told_and_never_makes_a_test_count_for_longer(
-    passed,
-):
-    configs, persistent = passed
-    session = new_session(configs, persistent)
-    session.clock.utc_stepped_ns = 10 * HOUR_NS
-    session.until_ready()
-    assert session.core.self_test_due is SelfTestDue.NONE
-
-    session.clock.utc_stepped_ns = 5 * HOUR_NS
-    session.run(0.1)
-
-    assert session.core.self_test_due is SelfTestDue.NOT_PASSED_TODAY
-    (back,) = reported(session.records, EventCode.CLOCK_SET_BACK)
-    assert back.values == pytest.approx((18_000.0,), abs=0.5)
 
 
 def test_a_test_of_another_leg_does_not_count(passed):

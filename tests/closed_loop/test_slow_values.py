@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 from gaitd_names import Cause, EventCode, Mode, StopCategory
-from sessions import changed_configs, generic_drives, new_session, reported
+from sessions import generic_drives, new_session, reported
 from wire import change_what_drives_say
 
 CHOSEN = 'temperature_limit = "S2"'
@@ -41,8 +41,8 @@ def test_without_tpdo3_the_temperature_becomes_unknown_and_stops_as_the_file_say
     assert session.record.verdict.cause == Cause.TEMPERATURE_LIMIT
 
 
-def test_without_answers_by_sdo_the_temperature_becomes_unknown_and_stops(tmp_path: Path):
-    session = new_session(changed_configs(tmp_path)).enable()
+def test_without_answers_by_sdo_the_temperature_becomes_unknown_and_stops(warm_hold):
+    session = warm_hold
     session.run(1.0)
     assert session.record.drives[0].temperature_degc == pytest.approx(25.0)
     refusing = True

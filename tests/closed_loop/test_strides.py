@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from sessions import new_session, two_legs
 
 from observer.smoother import LAG
 
@@ -46,21 +45,3 @@ def test_strides_are_as_long_as_the_gait_says_and_their_work_is_right_within_two
         assert stride.duration_s == pytest.approx(2.0, rel=0.03)
         assert stride.hip.coverage_ratio > 0.75
         assert stride.slide.coverage_ratio > 0.95
-
-
-def test_a_held_leg_makes_no_stride(warm_hold):
-    warm_hold.run(2.0)
-
-    assert not strides_of(warm_hold)
-
-
-@pytest.mark.thorough
-def test_two_legs_have_their_own_strides(tmp_path):
-    session = new_session(two_legs(tmp_path)).walk(cadence_hz=0.5, duration_s=0.0)
-    session.run(12.0)
-
-    ends = [[index for index, _ in strides_of(session, leg)] for leg in range(2)]
-    assert min(map(len, ends)) >= 3
-    # The left leg walks half a stride later.
-    apart = [min(abs(mine - yours) for yours in ends[1]) for mine in ends[0][1:-1]]
-    assert apart == pytest.approx([100.0] * len(apart), abs=8.0)

@@ -19,7 +19,8 @@ START = b"\x01"
 CLOSEST_MS = 7
 
 
-def counted():
+@pytest.fixture(scope="module")
+def warm_counted():
     """A session whose SYNC counts to 7, with drives that take it: 1019h is not the subject here."""
     settings = load(CONFIGS / "demo.toml")
     cycle = msgspec.structs.replace(settings.trainer.cycle, sync_counter=7)
@@ -29,17 +30,7 @@ def counted():
     change_what_drives_hear(
         session, lambda frame: Frame(SYNC, b"") if frame.can_id == SYNC else frame
     )
-    return session
-
-
-@pytest.fixture(scope="module")
-def warm_counted():
-    return counted().until_ready()
-
-
-@pytest.fixture(scope="module")
-def warm_counted_gait():
-    return counted().walk()
+    return session.until_ready()
 
 
 def syncs(session, since=0):
@@ -102,16 +93,14 @@ def test_the_counter_begins_again_when_the_nodes_are_started_again(warm_counted)
 
 
 @pytest.mark.parametrize("pause", [pause_while_waiting, pause_after_sync])
-@pytest.mark.parametrize("pause_ms", [4, 12, 35])
-def test_after_a_pause_there_is_no_burst_and_the_counter_goes_on(
-    warm_counted_gait, pause, pause_ms
-):
-    before = len(warm_counted_gait.bus.sent)
+@pytest.mark.parametrize("pause_ms", [4, 35])
+def test_after_a_pause_there_is_no_burst_and_the_counter_goes_on(warm_counted, pause, pause_ms):
+    before = len(warm_counted.bus.sent)
 
-    pause(warm_counted_gait, pause_ms * MS)
-    warm_counted_gait.run(0.2)
+    pause(warm_counted, pause_ms * MS)
+    warm_counted.run(0.2)
 
-    frames = syncs(warm_counted_gait, before)
+    frames = syncs(warm_counted, before)
     times_ms = [frame.time_ns / MS for frame in frames]
     spacing_ms = [b - a for a, b in pairwise(times_ms)]
     assert min(spacing_ms) >= CLOSEST_MS

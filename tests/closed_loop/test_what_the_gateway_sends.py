@@ -11,10 +11,10 @@ from daemon.ipc.record import TEXT_BYTES_MAX, ModeRequest
 from daemon.ipc.report import Refusal
 from daemon.ipc.transport import RingWriter
 
-LONG = ("x" * 1800, "\N{GRINNING FACE}" * 1800, "\x00\x1b[2J" * 450)
+LONG = ("\N{GRINNING FACE}" * 1800, "\x00\x1b[2J" * 450)
 
 
-@pytest.mark.parametrize("name", LONG, ids=["ascii", "four bytes each", "control characters"])
+@pytest.mark.parametrize("name", LONG, ids=["four bytes each", "control characters"])
 def test_names_of_the_client_and_in_its_refusal_fit_the_slot_of_its_record(
     warm_hold, tmp_path, name
 ):

@@ -4,10 +4,9 @@ import math
 
 import numpy as np
 
-from observer.filter.cdkf import STEP, correct, innovate
+from observer.filter.cdkf import STEP, compress, correct, innovate, spread
 from observer.jit import kernel
 from observer.mechanism.linkage import bounded_acceleration
-from tests.observer.general_filter import time_update
 from tests.observer.trainer import HIP_BRISTLES, PATIENT, SLIDE_BRISTLES, TUNING, bristle_step
 
 PARTS = 10
@@ -35,6 +34,18 @@ def _step(state, effort, dt_s):
     return x
 
 
+@kernel
+def _predict(mean, root, effort, dt_s, noise_std):
+    """`general_filter.time_update` of this model, in a form that numba keeps on disk."""
+    n = mean.size
+    lanes = 2 * n + 1
+    points = np.empty(n * lanes)
+    spread(mean, root, STEP, n, lanes, points)
+    for lane in range(lanes):
+        points[lane::lanes] = _step(points[lane::lanes].copy(), effort, dt_s)
+    compress(points, np.diag(noise_std), STEP, n, lanes, mean, root, np.empty(3 * n * n))
+
+
 def patient_of(columns, patient_std) -> np.ndarray:
     """Estimated effort of the patient, (n, 2).
 
@@ -42,7 +53,6 @@ def patient_of(columns, patient_std) -> np.ndarray:
         columns: a recording of PATIENT with the trainer's bristles, without gaps.
         patient_std: process noise of the patient's efforts per step, hip and slide.
     """
-    predict = time_update(_step)
     noise = np.array([*TUNING.process_std[:4], *DEFLECTION_STD, *patient_std])
     seen_std = np.array(TUNING.measurement_std)
     mean, root = np.zeros(8), np.diag(START_STD)
@@ -51,7 +61,7 @@ def patient_of(columns, patient_std) -> np.ndarray:
     gain, work = np.zeros((8, 2)), np.zeros(3 * 64)
     made = np.zeros((len(columns.time_s), 2))
     for row, dt_s in enumerate(np.diff(columns.time_s), start=1):
-        predict(mean, root, columns.effort[row], dt_s, noise, STEP)
+        _predict(mean, root, columns.effort[row], dt_s, noise)
         measured = columns.position[row].copy()
         innovate(mean, root, BOTH, 2, measured, seen_std, innovation, innovation_root, work)
         correct(mean, root, 8, BOTH, 2, seen_std, innovation, innovation_root, gain, work)

