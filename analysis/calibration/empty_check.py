@@ -320,7 +320,7 @@ class _Regression:
         for axis in range(2):
             speed = np.abs(motion.velocity[:, axis])
             enough = extent(motion, axis).enough(axis)
-            chosen = motion.settled & (speed > 3 * REST[axis]) & enough
+            chosen = motion.seen[:, axis] & (speed > 3 * REST[axis]) & enough
             self.rows.append(chosen)
             sprung = _stiffness(robot)[axis] > 0.0
             base = self._base(axis, chosen, sprung=sprung, springs_free=springs_free)

@@ -75,6 +75,12 @@ class Motion:
         return float(np.sum(self.steps_s[~self.begins]))
 
     @property
+    def seen(self) -> Flags:
+        """Shape (n, 2): settled, and the position is known."""
+        known: Flags = self.settled[:, None] & ~np.isnan(self.position)
+        return known
+
+    @property
     def effort_rate(self) -> Matrix:
         """Shape (n, 2): N·m/s, N/s; central differences, one-sided where a recording ends."""
         steps = np.diff(self.effort, axis=0) / self.steps_s[1:, None]

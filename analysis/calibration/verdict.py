@@ -6,6 +6,7 @@ likelihood per sample of the filter without a patient is given as well.
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Final, NamedTuple
@@ -19,7 +20,7 @@ from analysis.calibration.likelihood import FINE_SUBSTEPS, Likelihood
 from analysis.calibration.motion import REST, Motion
 from analysis.calibration.quantities import LAW_SIZE, NOISE, TIMING, Frame
 from analysis.calibration.start import extent
-from analysis.calibration.transmission import load_of
+from analysis.calibration.transmission import BACKLASHES, crosses
 from analysis.replay import filter_setup
 from daemon.config.settings import Robot
 from observer.offline.batch import Columns, run
@@ -28,7 +29,6 @@ from observer.quantities import Number
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-GAPS: Final = ("transmission.hip.backlash_rad", "transmission.slide.backlash_m")
 WORSE_MAX_RATIO: Final = 1.02
 """Growth of the false effort above which an axis got worse."""
 GOOD_RATIO: Final = 0.03
@@ -43,13 +43,12 @@ CONTACT_ROWS: Final = 100
 CONTACT_RATIO: Final = 5.0
 CONTACT_SHARE_MAX: Final = 0.2
 """Share of a recording: more frequent events are no single contact, but another effect."""
-GAP_ROWS: Final = 20
-"""0.2 s: so long a shaft swings after it has crossed the gap of its transmission."""
 GAP_SHARE_MIN: Final = 0.8
-"""Share of the squared effort in these rows from which on a gap is its likely cause. Measured on
-virtual machines: 0.87 and 0.92 at a hip with 0.3° of backlash; up to 0.71 with twice the edge of
-friction, up to 0.46 with half or twice its hump, at most 0.35 with a level or a spring 30 % off,
-or a soft transmission. A gap of a drive that is soft as well, or of a slide, stays below it."""
+"""Share of the squared effort after reversals of the load from which on a gap is its likely
+cause. Measured on virtual machines: 0.87 and 0.92 at a hip with 0.3° of backlash; up to 0.71 with
+twice the edge of friction, up to 0.46 with half or twice its hump, at most 0.35 with a level or a
+spring 30 % off, or a soft transmission. A gap of a drive that is soft as well, or of a slide, stays
+below it."""
 
 
 class Score(NamedTuple):
@@ -100,6 +99,16 @@ def without_contact_rows(seen: Disturbance, natural: Vector) -> tuple[Disturbanc
     if np.mean(contact) > CONTACT_SHARE_MAX:
         contact = np.zeros(len(contact), dtype=np.bool_)
     return replace(seen, moving=seen.moving & ~contact[:, None]), contact
+
+
+def outside_swings(
+    seen: Disturbance, motion: Motion, robot: Robot, axes: Iterable[int]
+) -> Disturbance:
+    """Without the rows in which the shafts of these loose axes cross their gaps or swing."""
+    moving = seen.moving.copy()
+    for axis in axes:
+        moving[:, axis] &= ~crosses(motion, robot, axis)
+    return replace(seen, moving=moving)
 
 
 def score(frame: Frame, natural: Vector, motion: Motion, rows: Flags, seen: Disturbance) -> Score:
@@ -206,12 +215,13 @@ def other_effect(seen: Disturbance, natural: Vector, motion: Motion, robot: Robo
                 f"the {name} has {rms:.3g} {unit} rms of effort that is not friction "
                 f"({rms / coulomb:.0%} of its Coulomb level), "
             )
-            gap_ratio = float(np.sum(size[_crosses(motion, robot, axis)] ** 2) / np.sum(size**2))
+            gap_ratio = float(np.sum(size[crosses(motion, robot, axis)] ** 2) / np.sum(size**2))
             if gap_ratio > GAP_SHARE_MIN:
+                key = BACKLASHES[axis].key
                 return (
                     f"{found}{gap_ratio:.0%} of its square within 0.2 s of a reversal of the "
                     "drive's load, as a gap of its transmission makes it: remove it and record "
-                    f"again, or measure it, state {GAPS[axis]} and keep the file's other values"
+                    f"again, or measure it, state {key} and keep the file's other values"
                 )
             at_s = float(motion.time_s[int(np.argmax(_windowed(size)))])
             return (
@@ -219,14 +229,6 @@ def other_effect(seen: Disturbance, natural: Vector, motion: Motion, robot: Robo
                 "an end stop or a wrong mechanism; calibrate from the empty, undisturbed machine"
             )
     return ""
-
-
-def _crosses(motion: Motion, robot: Robot, axis: int) -> Flags:
-    """Rows in which a shaft may cross the gap of its transmission, or swings after it, (n)."""
-    loaded = np.sign(load_of(motion, robot, axis))
-    reversed_now = np.append(False, loaded[1:] != loaded[:-1])
-    crossing: Flags = np.convolve(reversed_now, np.ones(GAP_ROWS))[: len(loaded)] > 0.0
-    return crossing
 
 
 def _windowed(values: Vector, rows: int = CONTACT_ROWS) -> Vector:

@@ -13,7 +13,13 @@ from empty_runs import (
 
 from analysis.calibration.advice import advice, slower_than_gait
 from analysis.calibration.bristles import with_bristles
-from analysis.calibration.fit import AS_GIVEN, AS_GOOD_WITHOUT, OF_SPRING, Fit, fitted_on
+from analysis.calibration.fit import (
+    AS_GIVEN,
+    AS_GOOD_WITHOUT,
+    OF_SPRING,
+    Fit,
+    fitted_on,
+)
 from analysis.calibration.likelihood import Likelihood, scores
 from analysis.calibration.motion import prepare
 from analysis.calibration.process_noise import (
@@ -26,6 +32,7 @@ from analysis.calibration.quantities import (
     CANDIDATES,
     LAW_SIZE,
     NOISE,
+    OF_LAW_11,
     OFFSETS,
     QUANTITIES,
     SIZE,
@@ -33,12 +40,16 @@ from analysis.calibration.quantities import (
     SPRINGS,
     TIMING,
     frame_of,
+    value_of,
 )
 from analysis.calibration.session import Calibration, calibrate, middle_of
 from analysis.calibration.transmission import (
+    BACKLASHES,
+    RIGID,
     STIFFER,
     STIFFNESSES,
-    Compliances,
+    Found,
+    GivesWay,
     of_joints,
     results_of,
     softness,
@@ -369,16 +380,24 @@ def test_a_rigid_machine_keeps_the_transmissions_of_its_file(shipped):
     _, made = shipped
 
     assert softness(made.fit, made.motion, made.robot, silent) == {}
-    assert [one.reason for one in made.transmission] == [AS_GIVEN, AS_GIVEN]
+    assert [one.reason for one in made.transmission] == [AS_GIVEN] * 4
     assert made.robot.transmission == file_off().transmission
     assert not [key for key in made.values("x") if "transmission" in key]
 
 
-def test_a_soft_transmission_is_found_by_its_windup():
+def shafts_of(joints, robot, way):
+    """What the encoders show where the slide's transmission gives way."""
+    shafts = of_joints(joints, robot, (RIGID[0], GivesWay(*(-value for value in way))))
+    in_gaps = np.isnan(shafts.position)
+    return replace(shafts, position=np.where(in_gaps, shafts.smooth[:, :2], shafts.position))
+
+
+@pytest.mark.parametrize("way", [GivesWay(1.0 / 1e5), GivesWay(1.0 / 1e5, 1e-3)])
+def test_a_transmission_that_gives_way_is_found_by_its_windup(way):
     """The joints move as rigid axes do, and the shaft of the slide is ahead of its joint."""
-    robot, compliance = robot_file(), 1.0 / 4e4
+    robot = robot_file()
     joints = prepare([empty_run(shipped_friction(), duration_s=DURATION_S).recording])
-    shafts = of_joints(joints, robot, Compliances(0.0, -compliance))
+    shafts = shafts_of(joints, robot, way)
     frame = frame_of(robot, middle_of(joints))
     bristles = [axis * LAW_SIZE + at for axis in (0, 1) for at in range(LAW_SIZE)[BRISTLES]]
     start = Fit(frame, frame.natural, (), 0.0, 0, frozenset((*CANDIDATES, *bristles)), str)
@@ -388,29 +407,57 @@ def test_a_soft_transmission_is_found_by_its_windup():
     found = softness(replace(start, natural=frame.from_free(free)), shafts, robot, silent)
 
     assert list(found) == [1]
-    assert found[1][0] == pytest.approx(compliance, rel=0.1)
-    assert found[1][1] >= 0.3 * found[1][0]
+    found_way, half = map(np.array, found[1])
+    assert np.all(half[: 1 + (way.backlash_si > 0)] > 0.0)
+    assert np.all(np.abs(found_way - way) <= half[: len(found_way)])
+
+
+@pytest.mark.thorough
+def test_a_loose_slide_gets_its_backlash_and_its_friction():
+    way, robot = GivesWay(1.0 / 1e5, 1e-3), robot_file()
+    run = empty_run(shipped_friction(), duration_s=60.0)
+    joints = prepare([run.recording])
+    seen = replace(run.recording, position=shafts_of(joints, robot, way).position)
+
+    made = calibrate([replace(run, recording=seen)], file_off())
+
+    assert not made.refused
+    (backlash,) = (one for one in made.transmission if one.quantity == BACKLASHES[1])
+    assert abs(backlash.value - way.backlash_si) <= backlash.half_interval
+    for one in made.fit.results[LAW_SIZE:][: OF_LAW_11.stop]:
+        assert (
+            not one.calibrated
+            or abs(one.value - value_of(robot, one.quantity.key)) <= one.half_interval
+        )
+
+
+SOFT = Found(GivesWay(1 / 900.0, 2e-3), GivesWay(3e-4, 6e-4))
 
 
 @pytest.mark.parametrize(
     ("given", "found", "as_good", "value", "reason"),
     [
-        (5e4, (1 / 900.0, 3e-4), False, 900.0, ""),
-        (5e4, (1 / 900.0, 3e-4), True, 5e4, AS_GOOD_WITHOUT),
-        (800.0, (1 / 900.0, 3e-4), False, 800.0, AS_GIVEN),
-        (800.0, None, False, 800.0, STIFFER),
-        (5e4, None, False, 5e4, AS_GIVEN),
+        ((5e4, 0.0), SOFT, False, (900.0, 2e-3), ("", "")),
+        ((5e4, 0.0), SOFT, True, (5e4, 0.0), (AS_GOOD_WITHOUT, AS_GOOD_WITHOUT)),
+        ((800.0, 1.5e-3), SOFT, False, (800.0, 1.5e-3), (AS_GIVEN, AS_GIVEN)),
+        ((800.0, 5e-3), SOFT, False, (800.0, 2e-3), (AS_GIVEN, "")),
+        ((800.0, 2e-3), None, False, (800.0, 2e-3), (STIFFER, STIFFER)),
+        ((5e4, 0.0), None, False, (5e4, 0.0), (AS_GIVEN, AS_GIVEN)),
     ],
 )
-def test_a_stiffness_that_the_recording_does_not_contradict_stays(
+def test_a_transmission_that_the_recording_does_not_contradict_stays(
     shipped, given, found, as_good, value, reason
 ):
     _, made = shipped
-    robot = replaced(made.robot, {STIFFNESSES[0].key: given})
+    hip = {STIFFNESSES[0].key: given[0], BACKLASHES[0].key: given[1]}
 
-    hip, _ = results_of(robot, made.fit, {0: found} if found else {}, as_good=as_good)
+    results = results_of(
+        replaced(made.robot, hip), made.fit, {0: found} if found else {}, as_good=as_good
+    )
 
-    assert (hip.before, hip.value, hip.reason) == (given, pytest.approx(value), reason)
+    assert tuple(one.before for one in results[:2]) == given
+    assert [one.value for one in results[:2]] == pytest.approx(value)
+    assert tuple(one.reason for one in results[:2]) == reason
 
 
 def test_encoder_noise_is_that_of_quantum_and_noise_together(shipped):
