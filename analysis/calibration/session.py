@@ -198,9 +198,9 @@ def calibrate(
 ) -> Calibration:
     """Fit, check the mechanism, and compare with the old file on held-out data.
 
-    Bristles are fitted, too, on the axes that move and have none, and replace eq. (11) if they
-    describe the held-out data better. So does a slope of friction over position, an offset of
-    effort, or a softer transmission, of each axis.
+    Bristles are fitted, too, on the axes that move, have none and no backlash, and replace eq. (11)
+    if they describe the held-out data better. So does a slope of friction over position, an offset
+    of effort, or a transmission that gives way, of each axis.
 
     Args:
         sources: recordings of the empty machine.
@@ -223,19 +223,20 @@ def calibrate(
     given_way = stated(robot)
     fitted, way, transmission = _behind_transmissions(robot, motion, progress, judged, rows)
     loose = loose_axes(way)
-    joints, judged_joints = (of_joints(one, robot, way) for one in (motion, judged))
+    joints = of_joints(motion, robot, way)
+    # All files are judged on the same rows.
+    unseen = {*loose, *loose_axes(given_way)}
+    judged_joints, judged_given = (
+        outside_gaps(of_joints(judged, robot, one), judged, robot, unseen)
+        for one in (way, given_way)
+    )
     if kept := _as_good_without(fitted, joints, progress, judged_joints, rows):
         rival = fitted.rival
         fitted = replace(_fit(robot, robot, joints, progress, fitted, kept), rival=rival)
     fitted = _wider_behind_gaps(fitted, loose)
     old_natural = like_fitted(old, fitted.natural, of_joints(motion, robot, given_way))
     laws = [
-        _Law(
-            robot,
-            old,
-            old_natural,
-            outside_gaps(of_joints(judged, robot, given_way), judged, robot, loose),
-        ),
+        _Law(robot, old, old_natural, judged_given),
         _Law(
             with_values(robot, (*fitted.results, *transmission)),
             fitted.frame,
@@ -289,8 +290,9 @@ def calibrate(
     noise: dict[str, float] = {}
     if with_noise:
         # Wider noise means more false effort from the same law, so the law is judged without it.
-        noise = process_noise(new, motion, made.natural)
-        noise |= law_uncertainty(with_process_noise(new, noise), motion)
+        seen_motion = outside_gaps(motion, motion, robot, loose)
+        noise = process_noise(new, seen_motion, made.natural)
+        noise |= law_uncertainty(with_process_noise(new, noise), seen_motion)
         new = with_process_noise(new, noise)
         widened = laws[used]._replace(robot=new).disturbance(judged)
         after = score(made.frame, made.natural, judged_joints, rows, widened)

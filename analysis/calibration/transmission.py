@@ -48,6 +48,7 @@ from analysis.calibration.likelihood import (
 )
 from analysis.calibration.motion import Motion, smoothed
 from analysis.calibration.quantities import LAW_SIZE, SIZE, TIMING, Quantity, value_of
+from analysis.recording import RecordingError
 from daemon.config.settings import Robot
 from observer.filter.transmission import GAP_EFFORT
 from observer.quantities import Number
@@ -69,9 +70,9 @@ WINDUP_MIN: Final = (1e-3, 2.5e-4)
 as rigid, and a change as none: twenty and ten times the encoder's noise. Less backlash than this
 is none, too. On rigid axes the first step is below a fifth of it."""
 MODEL_RATIO: Final = (0.6, 0.3)
-"""Least half interval over compliance and over backlash: the windup has no damper, and shaft and
-joint swing faster than a recording shows. On virtual hips compliances were found a third too small,
-and half beside a gap."""
+"""Least half interval over stiffness and over backlash: the windup has no damper, and shaft and
+joint swing faster than a recording shows. Virtual hips were found up to half again as stiff, and
+twice as stiff beside a gap."""
 CROSSING_ROWS: Final = 20
 """From the last change of the load's sign on: a shaft of 0.35 kg m² behind 4000 N·m/rad has settled
 on the other side of its gap."""
@@ -213,28 +214,38 @@ def softness(
     for axis in range(2):
         if axis * LAW_SIZE in made.fixed or made.frame.bristled(axis):
             continue
-        one = _of_axis(made, motion, robot, axis, progress, near.get(axis))
+        one = _of_axis(made, motion, robot, axis, progress, near)
         if any(one.way):
             found[axis] = one
     return found
 
 
 def _of_axis(
-    made: Fit, motion: Motion, robot: Robot, axis: int, progress: Progress, near: Found | None
+    made: Fit,
+    motion: Motion,
+    robot: Robot,
+    axis: int,
+    progress: Progress,
+    near: Mapping[int, Found],
 ) -> Found:
-    soft = _Search(made, motion, robot, axis, ("compliance_si",), progress)
-    loose = _Search(made, motion, robot, axis, GivesWay._fields, progress)
-    if near is not None:
-        again = (loose if near.way.backlash_si else soft).end(near.way).found
-        return again._replace(half=GivesWay(*map(max, again.half, near.half)))
-    without = soft.end(GivesWay()).found
-    if _surprise_after_reversals(made, motion, robot, axis) <= LOOSE_RATIO:
+    ways = ways_of(near)
+    soft = _Search(made, motion, robot, axis, ("compliance_si",), progress, ways)
+    loose = _Search(made, motion, robot, axis, GivesWay._fields, progress, ways)
+    way = ways[axis]
+    if way.backlash_si:
+        again = loose.end(way).found
+        half = GivesWay(*map(max, again.half, near[axis].half))
+        if again.way.backlash_si > half.backlash_si:
+            return Found(again.way, half)
+        way = way._replace(backlash_si=0.0)
+    without = soft.end(way).found
+    if axis in near or _surprise_after_reversals(made, motion, robot, axis) <= LOOSE_RATIO:
         return without
     starts = (without.way._replace(backlash_si=x * WINDUP_MIN[axis]) for x in START_RATIOS)
     ends = [loose.end(start) for start in starts]
     best = min(ends, key=lambda end: end.loss_per_sample)
     (way, half), least = best.found, best.loss_per_sample + EQUAL_PER_SAMPLE
-    as_good = (end.found.way.backlash_si for end in ends if end.loss_per_sample < least)
+    as_good = (end.found.way.backlash_si for end in ends if end.loss_per_sample <= least)
     spread = max(abs(other - way.backlash_si) for other in as_good)
     half = half._replace(backlash_si=max(half.backlash_si, spread))
     return Found(way, half) if way.backlash_si > half.backlash_si else without
@@ -270,21 +281,31 @@ class _Search:
         axis: int,
         names: tuple[str, ...],
         progress: Progress,
+        ways: tuple[GivesWay, GivesWay],
     ) -> None:
-        """Search the first fields of GivesWay; with backlash, the rows of a gap take no part."""
+        """Search the first fields of GivesWay; with backlash, the rows of a gap take no part.
+
+        `ways` has that of the other axis.
+        """
         self._made, self._motion, self._robot, self._axis = made, motion, robot, axis
-        self._names, self._progress = names, progress
+        self._names, self._progress, self._ways = names, progress, ways
         self._loose = [axis] if "backlash_si" in names else []
 
     def end(self, way: GivesWay) -> _End:
-        """The best of the steps from `way` on, each with a fit of the law."""
+        """The best of the steps from `way` on, each with a fit of the law.
+
+        Its loss is infinite where no motion can be computed.
+        """
         least = _least(self._axis, float(self._made.natural[self._axis * LAW_SIZE]))
         free = self._made.frame.free(self._made.natural)
         best = _End(Found(GivesWay(), GivesWay()), np.inf)
         for _ in range(ROUNDS):
-            free = fitted_on(self._made, self._likelihood(way), self._progress, free)
-            change, std = self._step(way, free)
             likelihood = self._likelihood(way)
+            try:
+                free = fitted_on(self._made, likelihood, self._progress, free)
+            except RecordingError:
+                break
+            change, std = self._step(way, free)
             loss_per_sample = likelihood.surprises(free).loss / len(likelihood.row)
             if loss_per_sample < best.loss_per_sample:
                 best = _End(_told(way, std, least), loss_per_sample)
@@ -295,7 +316,7 @@ class _Search:
                 }
             )
             close = (
-                abs(new - old) <= (CONVERGED_RATIO * old if any(way) else bound)
+                abs(new - old) <= (CONVERGED_RATIO * max(old, bound) if any(way) else bound)
                 for new, old, bound in zip(better, way, least, strict=True)
             )
             if all(close):
@@ -304,7 +325,8 @@ class _Search:
         return best
 
     def _likelihood(self, way: GivesWay) -> Likelihood:
-        ways = (way, RIGID[1]) if self._axis == 0 else (RIGID[0], way)
+        hip, slide = self._ways
+        ways = (way, slide) if self._axis == 0 else (hip, way)
         joints = of_joints(self._motion, self._robot, ways)
         joints = outside_gaps(joints, self._motion, self._robot, self._loose)
         return Likelihood(self._made.frame, joints, ~self._motion.held_out)
@@ -348,9 +370,9 @@ def results_of(
         for place, quantity in enumerate((STIFFNESSES[axis], BACKLASHES[axis])):
             before = value_of(robot, quantity.key)
             value, half = (one.way[place], one.half[place]) if one else (0.0, 0.0)
-            if value and not as_good and abs(value - given[place]) > half:
-                if quantity in STIFFNESSES:
-                    value, half = 1.0 / value, half / value**2
+            if value and quantity in STIFFNESSES:
+                value, half = 1.0 / value, half / value**2
+            if value and not as_good and abs(value - before) > half:
                 made_results.append(Result(quantity, before, value, half, ""))
                 continue
             if axis * LAW_SIZE in made.fixed:

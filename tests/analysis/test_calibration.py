@@ -408,18 +408,20 @@ def test_a_transmission_that_gives_way_is_found_by_its_windup(way):
 
     assert list(found) == [1]
     found_way, half = map(np.array, found[1])
-    assert np.all(half[: 1 + (way.backlash_si > 0)] > 0.0)
-    assert np.all(np.abs(found_way - way) <= half[: len(found_way)])
+    assert found_way[0] == pytest.approx(way.compliance_si, rel=0.15)
+    assert found_way[1] == pytest.approx(way.backlash_si, rel=0.35)
+    assert abs(found_way[1] - way.backlash_si) <= half[1]
 
 
 @pytest.mark.thorough
+@pytest.mark.timeout(1800)
 def test_a_loose_slide_gets_its_backlash_and_its_friction():
     way, robot = GivesWay(1.0 / 1e5, 1e-3), robot_file()
     run = empty_run(shipped_friction(), duration_s=60.0)
     joints = prepare([run.recording])
     seen = replace(run.recording, position=shafts_of(joints, robot, way).position)
 
-    made = calibrate([replace(run, recording=seen)], file_off())
+    made = calibrate([run._replace(recording=seen)], file_off())
 
     assert not made.refused
     (backlash,) = (one for one in made.transmission if one.quantity == BACKLASHES[1])

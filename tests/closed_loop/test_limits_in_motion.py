@@ -1,4 +1,4 @@
-"""Limits that only motion shows: found with every make of drive, and never without a reason."""
+"""Limits that only motion shows: each is found, and none without a reason."""
 
 import itertools
 

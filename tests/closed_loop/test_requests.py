@@ -13,9 +13,9 @@ from gaitd_lab.lockstep import LockstepSession
 from gaitd_lab.reference.modes import REQUESTS
 
 
-@pytest.fixture(params=[Mode.READY, Mode.HOLD], ids=str)
+@pytest.fixture(params=[Mode.READY, Mode.HOLD, Mode.GAIT], ids=str)
 def warm_mode(request) -> tuple[Mode, LockstepSession]:
-    """A machine without power, and one with it; the rules of all modes are unit tests."""
+    """A machine without power, one with it and one in motion; all modes have unit tests."""
     return request.param, request.getfixturevalue(f"warm_{request.param.name.lower()}")
 
 
@@ -63,8 +63,7 @@ def test_a_request_while_the_drives_are_brought_up_is_refused_there_and_then():
     assert {answer.refusal.values[1] for answer in answers} == {Mode.BRINGING_UP}
 
 
-def test_a_stop_is_obeyed_in_every_mode_that_moves_and_harms_in_none(warm_mode):
-    """The fault matrix plays it in the others."""
+def test_a_stop_is_obeyed_in_motion_and_harms_in_no_mode(warm_mode):
     mode, session = warm_mode
 
     session.gateway.stop()

@@ -80,11 +80,6 @@ def warm_day(daily) -> LockstepSession:
 
 
 @pytest.fixture(scope="module")
-def warm_seen(daily) -> LockstepSession:
-    return enabled(seen_to_act(new_session(daily)))
-
-
-@pytest.fixture(scope="module")
 def warm_tested(daily) -> tuple[LockstepSession, int]:
     """With the number of rows of the truth from before the test."""
     session = enabled(seen_to_act(new_session(daily)))

@@ -1,7 +1,7 @@
 """Stops as the drives get them: from every state, and both axes between the same two SYNCs."""
 
 import pytest
-from gaitd_names import Cause, Mode, RequestKind, StopCategory
+from gaitd_names import Cause, Mode, Outcome, RefusalCode, RequestKind, StopCategory
 from sessions import elsewhere, new_session
 from wire import (
     DISABLE_VOLTAGE_WORD,
@@ -14,6 +14,7 @@ from wire import (
     words_by_cycle,
 )
 
+from daemon.ipc.report import Refusal
 from drives.signals import PowerState
 
 QS, OFF = QUICK_STOP_WORD, DISABLE_VOLTAGE_WORD
@@ -37,25 +38,25 @@ def first_change(free, stopped, node):
     return None
 
 
-def test_a_stop_that_holds_begins_for_both_drives_between_the_same_two_syncs(warm_gait):
+def test_a_stop_that_holds_begins_for_both_drives_between_the_same_two_syncs(warm_guided_gait):
     """Compared with the very same session without a stop."""
-    warm_gait.run_until(
+    warm_guided_gait.run_until(
         lambda record: min(abs(drive.velocity or 0.0) for drive in record.drives) > 0.15,
         within_s=8,
     )
-    before = len(warm_gait.bus.sent)
+    before = len(warm_guided_gait.bus.sent)
 
     def sent_later(one):
         one.run(0.3)
         return one.bus.sent[before:]
 
-    free = elsewhere(warm_gait, sent_later)
-    warm_gait.gateway.stop()
-    stopped = sent_later(warm_gait)
+    free = elsewhere(warm_guided_gait, sent_later)
+    warm_guided_gait.gateway.stop()
+    stopped = sent_later(warm_guided_gait)
 
     hip, slide = (first_change(list(cycles(free)), list(cycles(stopped)), node) for node in NODES)
     words = words_by_cycle(stopped)
-    assert warm_gait.record.verdict.category == StopCategory.S2
+    assert warm_guided_gait.record.verdict.category == StopCategory.S2
     assert hip == slide is not None
     assert all(set(one.values()) == {ENABLED_WORD} for one in words[hip:])
 
@@ -146,10 +147,18 @@ def powered_on():
     return new_session()
 
 
+def there_already(session):
+    pass
+
+
 STATES = {
     "bringing up": ("powered_on", bringing_up),
+    "ready": ("warm_ready", there_already),
     "transition 2 in flight": ("warm_ready", in_flight(0x06)),
+    "transition 3 in flight": ("warm_ready", in_flight(0x07)),
     "transition 4 in flight": ("warm_ready", in_flight(0x0F)),
+    "hold": ("warm_hold", there_already),
+    "gait": ("warm_gait", there_already),
     "stopping": ("warm_fast_gait", stopping),
     "fault": ("warm_hold", fault),
 }
@@ -162,7 +171,7 @@ def warm_begin(request, state):
 
 
 ALL = (StopCategory.S0, StopCategory.S1, StopCategory.S2)
-PLAYED = {"transition 4 in flight": ALL[::2], "stopping": ALL[:1]}
+PLAYED = {"transition 4 in flight": ALL, "gait": ALL, "stopping": ALL[:2], "fault": ALL[2:]}
 """Categories in a state; in the others the one that leaves most power."""
 
 
@@ -194,4 +203,14 @@ def test_a_stop_from_every_state_energises_nothing(warm_begin, state, category):
         if drive.power_state == PowerState.OPERATION_ENABLED
     }
     assert powered <= (enabled if category == StopCategory.S2 else set())
-    assert warm_begin.record.mode == (Mode.READY if state == "bringing up" else Mode.FAULT)
+    quiet = {"bringing up", "ready"}
+    assert warm_begin.record.mode == (Mode.READY if state in quiet else Mode.FAULT)
+
+
+def test_an_enable_that_comes_together_with_a_stop_is_refused(warm_ready):
+    warm_ready.gateway.stop()
+
+    answer = warm_ready.request(RequestKind.ENABLE)
+
+    assert answer.outcome == Outcome.REFUSED
+    assert answer.refusal == Refusal(RefusalCode.STOP_REQUESTED)

@@ -265,6 +265,40 @@ def test_what_is_pushed_at_rest_is_in_net_at_once_and_never_more_friction_than_h
     assert np.abs(estimates.state[resting, 4]).max() <= HIP.stribeck + 1e-9
 
 
+@pytest.fixture(scope="module")
+def minute_at_rest():
+    truth = simulate(PROTOTYPE, 6000, drive=np.zeros((6000, 2)))
+    return truth, estimated(PROTOTYPE, truth)
+
+
+def test_a_minute_at_rest_shows_nearly_no_patient(minute_at_rest):
+    """observer.md, test 22: at most 0.1 N m and 1 N; with constant noise 0.15 and 2.3."""
+    _, estimates = minute_at_rest
+
+    assert np.all(rms(estimates.state[:, 6:8]) <= (0.1, 1.0))  # 0.07 N m, 0.5 N
+
+
+def test_at_rest_the_split_is_uncertain_and_the_net_is_not(minute_at_rest):
+    _, estimates = minute_at_rest
+    std = estimates.std[-1]
+
+    assert 0.3 * HIP.stribeck <= std[6] <= 0.6 * HIP.stribeck
+    assert 0.3 * SLIDE_FRICTION.stribeck <= std[7] <= 0.6 * SLIDE_FRICTION.stribeck
+    assert np.all(estimates.net_std[-1] <= (0.6, 6.0))
+    assert np.all(estimates.net_std[-1] <= 1.1 * estimates.net_std[500])
+
+
+def test_the_covariance_at_rest_tells_that_friction_and_patient_are_one(minute_at_rest):
+    _, estimates = minute_at_rest
+    covariance = np.zeros((8, 8))
+    covariance[np.tril_indices(8)] = estimates.covariance[-1]
+
+    for axis in range(2):
+        shared = covariance[6 + axis, 4 + axis]
+        assert shared / (estimates.std[-1, 6 + axis] * estimates.std[-1, 4 + axis]) > 0.97
+    assert np.linalg.eigvalsh(covariance + np.tril(covariance, -1).T).min() > 0.0
+
+
 def test_a_push_that_begins_between_two_samples_is_no_encoder_error():
     """On an empty hip. Its beginning is not rejected; a sample later its jump is far too large."""
     largest = 0.0

@@ -163,9 +163,6 @@ def test_the_inputs_show_home_switch_and_interlock():
     assert bench.read(0x60FD) & 0x3000C == 0x10008
 
 
-# --- following error --------------------------------------------------------------------------
-
-
 # --- offsets, cyclic velocity -----------------------------------------------------------------
 
 

@@ -28,7 +28,6 @@ INPUTS = 0x0003_0000
 """60FDh: hand switch closed, STO released."""
 SYNC = 0x080
 TORQUE, POSITION = 10, 8
-KINDS = ("generic", "epos4")
 BENCH = (
     # durand has no homing: its encoder is absolute, and believed.
     Change("hil.toml", 'without_stored_pose = "home"', 'without_stored_pose = "believe"'),
