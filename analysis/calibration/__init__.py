@@ -4,5 +4,6 @@ Reading order: `motion` (recordings prepared), `innovations` (the filter whose i
 scored), `quantities` (what can be calibrated), `start` (initial values by regression), `likelihood`
 and `fit` (maximum likelihood, intervals, unidentifiable values), `transmission` (softness and
 backlash), `process_noise` (of the observer), `empty_check` (wrong recline, spring or offset),
-`verdict` (before and after on held-out data), `uncertainty`, `advice`, `robot_file`, `figures`, `page`.
+`verdict` (before and after on held-out data), `uncertainty`, `advice`, `robot_file`, `figures`,
+`page`.
 """
