@@ -303,9 +303,9 @@ class _Search:
             likelihood = self._likelihood(way)
             try:
                 free = fitted_on(self._made, likelihood, self._progress, free)
+                change, std = self._step(way, free)
             except RecordingError:
                 break
-            change, std = self._step(way, free)
             loss_per_sample = likelihood.surprises(free).loss / len(likelihood.row)
             if loss_per_sample < best.loss_per_sample:
                 best = _End(_told(way, std, least), loss_per_sample)
@@ -334,7 +334,11 @@ class _Search:
     def _step(
         self, way: GivesWay, free: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Newton's step with all fitted values, and its standard deviation, one for each name."""
+        """Newton's step with all fitted values, and its standard deviation, one for each name.
+
+        Raises:
+            RecordingError: no motion can be computed beside `way`.
+        """
         which = np.array([i for i in range(SIZE) if i not in self._made.fixed], dtype=np.intp)
         here = self._likelihood(way)
         base, dz, ds = here.derivatives(free, which)
@@ -347,6 +351,8 @@ class _Search:
             dz = np.column_stack((dz, (beside.z - base.z) / DIFFERENCE_RATIO))
             ds = np.column_stack((ds, (beside.s - base.s) / DIFFERENCE_RATIO))
         each, fisher = scores(base, dz, ds)
+        if not np.all(np.isfinite(fisher)):
+            raise RecordingError("no motion can be computed behind such a transmission")
         fisher += np.diag(np.append((which >= TIMING) / PRIOR_TIMING**2, np.zeros(count)))
         change = -np.linalg.lstsq(fisher, each.sum(axis=0), rcond=None)[0][-count:]
         variance = np.diag(robust_covariance(each, fisher, here.row))[-count:]

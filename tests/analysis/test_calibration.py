@@ -11,6 +11,7 @@ from empty_runs import (
     shipped_friction,
 )
 
+from analysis.calibration import transmission
 from analysis.calibration.advice import advice, slower_than_gait
 from analysis.calibration.bristles import with_bristles
 from analysis.calibration.fit import (
@@ -385,6 +386,17 @@ def test_a_rigid_machine_keeps_the_transmissions_of_its_file(shipped):
     assert not [key for key in made.values("x") if "transmission" in key]
 
 
+def test_a_search_that_cannot_begin_finds_nothing(shipped, monkeypatch):
+    _, made = shipped
+
+    def no_motion(*_):
+        raise RecordingError("no motion can be computed")
+
+    monkeypatch.setattr(transmission, "fitted_on", no_motion)
+
+    assert softness(made.fit, made.motion, made.robot, silent) == {}
+
+
 def shafts_of(joints, robot, way):
     """What the encoders show where the slide's transmission gives way."""
     shafts = of_joints(joints, robot, (RIGID[0], GivesWay(*(-value for value in way))))
@@ -408,7 +420,7 @@ def test_a_transmission_that_gives_way_is_found_by_its_windup(way):
 
     assert list(found) == [1]
     found_way, half = map(np.array, found[1])
-    assert found_way[0] == pytest.approx(way.compliance_si, rel=0.15)
+    assert found_way[0] == pytest.approx(way.compliance_si, rel=0.15 if way.backlash_si else 0.1)
     assert found_way[1] == pytest.approx(way.backlash_si, rel=0.35)
     assert abs(found_way[1] - way.backlash_si) <= half[1]
 
