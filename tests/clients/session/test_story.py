@@ -8,6 +8,7 @@ from gaitd_client import Cause, Trainer
 from gaitd_names import Mode
 from gaitd_session import Advice, Button, Phase, Session, Store, open_history
 from gaitd_session.export import export
+from gaitd_session.machine import LEFT_MIN_S
 from training import profile
 
 FOLLOWED_S = 60.0
@@ -104,7 +105,9 @@ def test_a_patient_who_does_as_told_passes_the_test_walks_is_stopped_and_goes_on
         assert store.self_test_utc_ns(profile().id) > summary.begun_utc_ns
         assert 0.1 <= store.middles(profile().id)["right"] <= 0.6
     assert summary.end == "ended"
-    assert 10.0 <= summary.walked_s < 17.0
+    planned_s = profile().plan.warm_up.duration_s
+    # A block with less left than LEFT_MIN_S is complete; time without a signal is not walked.
+    assert planned_s - LEFT_MIN_S <= summary.walked_s < planned_s + 7.0
     assert summary.stride_count == len(strides) >= 1
     assert summary.interruption_count >= 1
     export(strides, tmp_path / "strides.csv")
