@@ -214,6 +214,8 @@ class _Client(SdoClient):
     """The transfer had no reply in time, set for each one."""
     met_another: bool
     """A request of another client was unanswered during the transfer, set for each one."""
+    _object: bytes
+    """Index and sub-index of the transfer, as in its frames; its first request names it."""
 
     def __init__(
         self,
@@ -230,8 +232,6 @@ class _Client(SdoClient):
         self._await_reply = await_reply
         self._reply: int | None = None
         """Command specifier of the reply to the last request; None: there is none to come."""
-        self._object = b""
-        """Index and sub-index of the transfer, as in its frames."""
         self._given: bytes | None = None
         """Identifies the reply that ended the last request."""
         self.repeat_count = 0

@@ -420,6 +420,39 @@ def test_a_reply_to_another_client_s_request_repeats_none_and_the_next_one_does(
     assert port.traffic(NODE).sdo_repeat_count == 1
 
 
+def test_a_reply_to_another_client_s_download_repeats_ours_once_it_comes_twice():
+    port, _, _ = client(lambda request: [b"\x60" + request[1:4] + bytes(4)])
+    port.write(NODE, 0x6060, 0, b"\x08")
+    receive(port, Frame(0x605, bytes.fromhex("2f60600008000000")))
+
+    for repeats in (0, 1):
+        receive(port, Frame(0x585, bytes.fromhex("6060600000000000")))
+        assert port.traffic(NODE).sdo_repeat_count == repeats
+
+
+def test_a_segment_for_another_client_repeats_ours_once_it_comes_twice():
+    port, _, _ = client(segmented(b"EPOS4 Compact"))
+    port.read(NODE, 0x1008, 0)
+    receive(port, Frame(0x605, b"\x70" + bytes(7)))
+
+    for repeats in (0, 1):
+        receive(port, Frame(0x585, b"\x13other"))
+        assert port.traffic(NODE).sdo_repeat_count == repeats
+
+
+def test_a_reply_to_another_client_before_any_request_of_ours_is_none_of_ours():
+    port, _, _ = client(number)
+
+    receive(
+        port,
+        Frame(0x605, bytes.fromhex("4000100000000000")),
+        Frame(0x585, bytes.fromhex("4300100092010200")),
+    )
+
+    assert port.read(NODE, 0x1000, 0) == NUMBER
+    assert port.traffic(NODE).sdo_repeat_count == 0
+
+
 @pytest.mark.parametrize(("came_ms", "requests"), [(None, 1), (0, 2), (100, 2)])
 def test_an_upload_without_a_reply_is_tried_once_more_where_it_met_another_client(
     came_ms, requests

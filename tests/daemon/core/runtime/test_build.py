@@ -116,26 +116,6 @@ def test_a_leg_knows_offsets_and_slopes_and_how_sure_those_of_an_empty_machine_a
     assert [law for law, _ in leg.friction_laws] == [tuple(law) for law in leg.friction]
 
 
-def test_a_stuck_axis_is_told_from_the_greatest_friction_along_it():
-    slopes = {
-        "friction_over_position.hip.slope_per_rad": -0.5,
-        "friction_over_position.slide.slope_per_m": 0.5,
-    }
-    settings = replace(SETTINGS, robot=replaced(SETTINGS.robot, slopes))
-
-    leg, _ = build.build(settings, "boot", PersistentState()).core.legs
-
-    low, high = settings.limits.hip.position_min_deg, settings.limits.slide.position_max_m
-    middle = settings.robot.friction_over_position
-    ratios = (
-        1.0 - 0.5 * (math.radians(low) - middle.hip.middle_rad),
-        1.0 + 0.5 * (high - middle.slide.middle_m),
-    )
-    for axis, law, ratio in zip(leg.axes, leg.friction, ratios, strict=True):
-        viscous = law.viscous * law.peak
-        assert axis.limits.breakaway_si == pytest.approx(viscous + ratio * (law.stribeck - viscous))
-
-
 def test_signs_may_have_to_be_proven_and_poses_to_be_found():
     trainer = SETTINGS.trainer
     trainer = structs.replace(

@@ -8,7 +8,16 @@ import pytest
 from msgspec.structs import asdict, replace
 from sessions import demo
 
-from daemon.core.safety.limits import AxisLimits, Thresholds, hip_limits, slide_limits, thresholds
+from daemon.config.edits import replaced
+from daemon.config.robot import friction_parameters
+from daemon.core.safety.limits import (
+    AxisLimits,
+    Thresholds,
+    axis_limits,
+    hip_limits,
+    slide_limits,
+    thresholds,
+)
 
 LIMITS = demo().limits
 
@@ -65,6 +74,23 @@ def test_each_limit_is_the_setting_of_its_name_in_si_units(axis, made_by):
         named = [key for key in keys if key == begin or key.startswith(f"{begin}_")]
         assert len(named) == 1, (field, named)
         assert value == keys[named[0]], field
+
+
+def test_a_stuck_axis_is_told_from_the_greatest_friction_along_it():
+    slopes = {
+        "friction_over_position.hip.slope_per_rad": -0.5,
+        "friction_over_position.slide.slope_per_m": 0.5,
+    }
+    robot = replaced(demo().robot, slopes)
+
+    made = axis_limits(LIMITS, robot)
+
+    low, high = math.radians(LIMITS.hip.position_min_deg), LIMITS.slide.position_max_m
+    middle = robot.friction_over_position
+    ratios = (1.0 - 0.5 * (low - middle.hip.middle_rad), 1.0 + 0.5 * (high - middle.slide.middle_m))
+    for axis, law, ratio in zip(made, friction_parameters(robot), ratios, strict=True):
+        viscous = law.viscous * law.peak
+        assert axis.breakaway_si == pytest.approx(viscous + ratio * (law.stribeck - viscous))
 
 
 def test_thresholds_count_in_whole_cycles_and_keep_what_the_file_counts_so():
