@@ -4,6 +4,7 @@ Commands that are cheap and harmless are also run, by `tests/service/test_docume
 """
 
 import contextlib
+import functools
 import importlib
 import json
 import re
@@ -26,6 +27,7 @@ from sim_drives.plant.truth import TruthRow
 
 LINK = re.compile(r"!?\[(?:[^\[\]]|\[[^\]]*\])*\]\(([^()\s]+)\)")
 TARGETS = set(re.findall(r"^([a-z-]+):", (PROJECT / "Makefile").read_text(), re.MULTILINE))
+EVERY_COMMAND = commands_for(None)
 UNITS = {path.name.partition(".")[0] for path in (PROJECT / "systemd").rglob("gaitd*")}
 
 
@@ -125,10 +127,16 @@ def accept_typer(command, words, folder):
 
 
 CLIENTS = {
-    "gaitd-assist": gaitd_assist.program.app,
-    "gaitd-display": gaitd_display.__main__.app,
-    "gaitd-session": gaitd_session.program.app,
+    "gaitd-assist": typer.main.get_command(gaitd_assist.program.app),
+    "gaitd-display": typer.main.get_command(gaitd_display.__main__.app),
+    "gaitd-session": typer.main.get_command(gaitd_session.program.app),
 }
+
+
+@functools.cache
+def gaitd(chosen):
+    """The command line in which one command is not a stub."""
+    return typer.main.get_command(build(chosen))
 
 
 def accept(words, folder):
@@ -136,13 +144,13 @@ def accept(words, folder):
     program, *rest = words
     if program == "gaitd":
         pair = " ".join(rest[:2])
-        if pair in commands_for(None):
+        if pair in EVERY_COMMAND:
             rest, words = [pair, *rest[2:]], (program, pair, *rest[2:])
         name = next((word for word in rest if word not in ("--help", "-h", "--version")), "run")
-        assert name in commands_for(None), f"no command {name}"
-        accept_typer(typer.main.get_command(build(name)), words, folder)
+        assert name in EVERY_COMMAND, f"no command {name}"
+        accept_typer(gaitd(name), words, folder)
     elif program in CLIENTS:
-        accept_typer(typer.main.get_command(CLIENTS[program]), words, folder)
+        accept_typer(CLIENTS[program], words, folder)
     elif program == "make":
         assert set(filter(lambda word: "=" not in word, rest)) <= TARGETS
     else:

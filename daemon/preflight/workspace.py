@@ -12,7 +12,7 @@ The paths are kernels: the core sweeps them too, at each of its starts.
 """
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from enum import Enum
 from typing import Final, NamedTuple
 
@@ -134,19 +134,24 @@ def extent_of(leg: LegParameters, positions: Iterable[Pair]) -> Extent:
     return _extent(leg, np.array(list(positions)))
 
 
-def ramp_path(motion: Motion, decelerations: Pair) -> Iterator[Pair]:
-    """Poses while both axes ramp down to rest, each on its own ramp."""
-    starts = tuple(zip(*motion, decelerations, strict=True))
-    steps = math.ceil(_stop_time_s(motion, decelerations) / RAMP_STEP_S)
-    for index in range(steps + 1):
-        (hip, _), (slide, _) = (_on_ramp(*start, index * RAMP_STEP_S) for start in starts)
-        yield hip, slide
+@kernel
+def ramp_path(motion: Motion, decelerations: Pair) -> Vector:
+    """Poses while both axes ramp down to rest, each on its own ramp, shape (n, 2)."""
+    (hip, slide), (hip_speed, slide_speed) = motion
+    hip_ramp, slide_ramp = decelerations
+    stop_s = REACTION_S + max(abs(hip_speed) / hip_ramp, abs(slide_speed) / slide_ramp)
+    path = np.empty((math.ceil(stop_s / RAMP_STEP_S) + 1, 2))
+    for index in range(len(path)):
+        time_s = index * RAMP_STEP_S
+        path[index, 0], _ = _on_ramp(hip, hip_speed, hip_ramp, time_s)
+        path[index, 1], _ = _on_ramp(slide, slide_speed, slide_ramp, time_s)
+    return path
 
 
 def sweep_ramps(leg: LegParameters, motions: Iterable[Motion], decelerations: Pair) -> Sweep:
     """Sweep of both axes on their ramps, from each of the motions."""
-    poses = [pose for motion in motions for pose in ramp_path(motion, decelerations)]
-    return Sweep(StopKind.BOTH_RAMP, extent_of(leg, poses), (0.0, 0.0))
+    poses = np.concatenate([ramp_path(motion, decelerations) for motion in motions])
+    return Sweep(StopKind.BOTH_RAMP, _extent(leg, poses), (0.0, 0.0))
 
 
 def sweep_coasting(
@@ -176,11 +181,6 @@ def drift(leg: LegParameters, frictions: Frictions, start: Pair, box: Box) -> Dr
     """Motion of both axes without power, from rest: eq. (23) without drives and patient."""
     end, fastest, reached_limit = _drift(leg, *frictions, start, box)
     return Drift(start, end, fastest, reached_limit)
-
-
-def _stop_time_s(motion: Motion, decelerations: Pair) -> float:
-    ramps = (abs(v) / a for v, a in zip(motion.velocity, decelerations, strict=True))
-    return REACTION_S + max(ramps)
 
 
 @inline

@@ -6,7 +6,7 @@ for an entry of `written` or `checked` its object, `written.605Ah:00`. A name in
 that fit a fact the longer one counts. Each fact has a source, or is one that the drive must show.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterator
 from typing import Annotated, Final
 
 import msgspec
@@ -36,7 +36,7 @@ def open_facts(
     profile: msgspec.Struct, sources: tuple[Source, ...], must_show: tuple[str, ...]
 ) -> tuple[str, ...]:
     """The facts that no public document states, in the order of the profile."""
-    stated = [name for source in sources for name in source.states]
+    stated = {name for source in sources for name in source.states}
     return tuple(fact for fact in facts(profile) if _best(fact, must_show) > _best(fact, stated))
 
 
@@ -49,24 +49,22 @@ def check_sources(
         DescriptionError: names the fact, or the name.
     """
     keys = dict(_keys(profile, ""))
+    above = {part for key in keys for part in _parts(key)}
+    absent = {key for key, value in keys.items() if _is_absent(value)}
     stated = [name for source in sources for name in source.states]
     for where, names in (("sources", stated), ("must_show", must_show)):
         for name in names:
-            known = any(
-                _fits(name, key) or (_is_absent(value) and _fits(key, name))
-                for key, value in keys.items()
-            )
-            if not known:
+            if name not in above and absent.isdisjoint(_parts(name)):
                 raise DescriptionError("profile", where, name, "a key of this profile")
     for fact in facts(profile):
-        if not _best(fact, [*stated, *must_show]):
+        if not _best(fact, {*stated, *must_show}):
             allowed = "in `states` of a source, or in `must_show` if no public document states it"
             raise DescriptionError("profile", "sources", fact, allowed)
 
 
 def _keys(table: msgspec.Struct, prefix: str) -> Iterator[tuple[str, object]]:
-    for field in msgspec.structs.fields(table):
-        key, value = prefix + field.encode_name, getattr(table, field.name)
+    for name, field in zip(table.__struct_encode_fields__, table.__struct_fields__, strict=True):
+        key, value = prefix + name, getattr(table, field)
         if key in _NO_FACTS:
             continue
         if isinstance(value, msgspec.Struct):
@@ -81,10 +79,13 @@ def _is_absent(value: object) -> bool:
     return value is None or value == ()
 
 
-def _fits(name: str, key: str) -> bool:
-    return key == name or key.startswith(f"{name}.")
+def _parts(key: str) -> Iterator[str]:
+    """A key, and the tables that it is in, from the inmost one outwards."""
+    while key:
+        yield key
+        key = key.rpartition(".")[0]
 
 
-def _best(fact: str, names: Iterable[str]) -> int:
-    """Length of the longest name that fits; 0 if none does."""
-    return max((len(name) for name in names if _fits(name, fact)), default=0)
+def _best(fact: str, names: Container[str]) -> int:
+    """Length of the longest of the names that is the fact or a table that it is in; 0: none."""
+    return next((len(part) for part in _parts(fact) if part in names), 0)

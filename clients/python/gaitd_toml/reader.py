@@ -124,8 +124,18 @@ def decoded(document: Document, kind: type[T]) -> T:
 
 
 def errors_in(document: Document, kind: type) -> list[ConfigError]:
-    """All mistakes of a document in place of a struct, in the file's order."""
+    """All mistakes of a document in place of a struct, which refuses unknown keys itself."""
+    if _converts(document.table, kind) and _is_holdable(document.table):
+        return []  # as nearly always; the search for mistakes takes a hundred times as long
     return [ConfigError(document.path, *fault) for fault in _faults(document.table, kind, "")]
+
+
+def _is_holdable(value: object) -> bool:
+    if isinstance(value, dict):
+        return all(map(_is_holdable, cast("dict[str, object]", value).values()))
+    if isinstance(value, list):
+        return all(map(_is_holdable, cast("list[object]", value)))
+    return _unholdable(value) is None
 
 
 def _faults(value: object, kind: object, key: str) -> list[_Fault]:
@@ -194,24 +204,34 @@ def _fields(kind: type) -> dict[str, msgspec.structs.FieldInfo]:
 
 def _refusal(value: object, kind: object) -> str:
     """What is allowed in place of a value; empty if the value is."""
-    also = ""
+    also = _unholdable(value)
+    if also is None and _converts(value, kind):
+        return ""
+    return _described(kind) + (also or "")
+
+
+def _unholdable(value: object) -> str | None:
+    """What is asked of a value beside its type that no key can hold; None of any other."""
     match value:
         # msgspec lets NaN pass a range, because no comparison with it is true.
         case float() if not math.isfinite(value):
-            also = ", and finite"
+            return ", and finite"
         case float() if abs(value) < SMALLEST and repr(value) != "0.0":
-            also = f", and 0 without a sign or at least {SMALLEST:g} in size"
+            return f", and 0 without a sign or at least {SMALLEST:g} in size"
         case int() if not -_INTEGER_END <= value < _INTEGER_END:
-            pass
-        case str() if "\0" in value:
-            also = ", without the character 0"
-        case _:
-            try:
-                msgspec.convert(value, kind, dec_hook=_path)
-            except msgspec.ValidationError:
-                return _described(kind)
             return ""
-    return _described(kind) + also
+        case str() if "\0" in value:
+            return ", without the character 0"
+        case _:
+            return None
+
+
+def _converts(value: object, kind: object) -> bool:
+    try:
+        msgspec.convert(value, kind, dec_hook=_path)
+    except msgspec.ValidationError:
+        return False
+    return True
 
 
 def _path(_: type, value: object) -> Path:

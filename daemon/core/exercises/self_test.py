@@ -60,7 +60,7 @@ class Way(NamedTuple):
     friction_si: float
     """Friction from robot.toml at that speed, in the middle of the way."""
     load_tolerance_si: float
-    effort_offset_si: float = 0.0
+    effort_offset_si: float
     """What the drive shows at no effort, from robot.toml."""
 
 

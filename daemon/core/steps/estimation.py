@@ -140,8 +140,6 @@ def news(leg: Leg, before: Estimated, after: Estimated) -> Iterator[Event]:
     """
     for index, axis in enumerate(leg.axes):
         old, new, drift = before.advice[index], after.advice[index], after.drifts[index]
-        if new is old:
-            continue
         if new.friction and not old.friction:
             numbers = friction_error(drift), correlation(drift)
             yield Event(EventCode.CALIBRATION_ADVISED, axis.name, numbers)

@@ -80,7 +80,7 @@ def test_a_ramp_ends_where_reaction_and_braking_distance_say(position, velocity)
 @settings(derandomize=True, deadline=None)
 @given(inside, speeds)
 def test_no_axis_turns_round_on_its_ramp(position, velocity):
-    path = np.array(list(ramp_path(Motion(position, velocity), RAMPS)))
+    path = ramp_path(Motion(position, velocity), RAMPS)
 
     for axis, speed in enumerate(velocity):
         assert (np.diff(path[:, axis]) * math.copysign(1.0, speed) >= -1e-12).all()

@@ -340,7 +340,7 @@ def test_an_excitation_rests_at_mid_pose_for_a_second_and_its_steps_begin_at_onc
 
 def self_test_play(**change):
     def way(name, distance_si):
-        return Way(name, distance_si, speed_max(abs(distance_si)), 6.0, 8.0)
+        return Way(name, distance_si, speed_max(abs(distance_si)), 6.0, 8.0, 0.0)
 
     plan = SelfTest(
         start=(0.1, 0.45),

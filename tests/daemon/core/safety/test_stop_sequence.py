@@ -97,9 +97,11 @@ def test_after_its_rest_a_drive_whose_sign_was_judged_is_held_as_any_other():
     assert (stopped.step, stopped.has_rested) == (Step.QUICK_STOP, True)
 
 
-@pytest.mark.parametrize("power", [OFF, STOPPING_DRIVE])
-def test_a_drive_whose_sign_was_judged_may_stand_or_be_without_power(power):
-    ratio = stop_sequence.RAMP_FLOOR_RATIO
+@pytest.mark.parametrize(
+    ("power", "part"), [(OFF, 1.0), (STOPPING_DRIVE, 1.0), (STOPPING_DRIVE, 0.5)]
+)
+def test_a_drive_whose_sign_was_judged_may_stand_or_be_without_power(power, part):
+    ratio = part * stop_sequence.RAMP_FLOOR_RATIO
     standing = JOINT._replace(velocity_si=ratio * LIMITS.standstill_si_per_s)
     joint = FAST if power is OFF else standing
     begun = stop_sequence.begin(Step.QUICK_STOP, joint, 100, must_slow=True)

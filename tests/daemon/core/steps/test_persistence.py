@@ -182,7 +182,7 @@ def of_self_test(friction_si, moved_si=0.08):
     """A self-test that is over, whose hip has this friction and has moved so far."""
     sums = Sums(friction_si, 1, -friction_si, 1, 0.0, moved_si, -0.08)
     good = Sums(6.0, 1, -6.0, 1, 0.0, 0.08, -0.08)
-    ways = (Way(HIP, 0.08, 0.2, 6.0, 8.0), Way(SLIDE, 0.08, 0.2, 6.0, 8.0))
+    ways = (Way(HIP, 0.08, 0.2, 6.0, 8.0, 0.0), Way(SLIDE, 0.08, 0.2, 6.0, 8.0, 0.0))
     return SelfTest(start=(0.0, 0.0), ways=ways, ratios=(0.5, 1.6), wait_s=0.0, sums=(sums, good))
 
 
