@@ -120,22 +120,17 @@ def is_helped_well(walk):
     does_not_chatter(walk)
 
 
-def test_of_two_legs_the_passive_one_is_carried_near_the_gait_and_the_able_one_is_left_alone():
+def test_of_two_legs_each_is_helped_alone_one_in_its_weak_phase_and_the_passive_one_all_the_way():
+    """A leg without strength is carried near the gait; the other one is left alone but for this."""
     gym = Gym(config=CONFIGS / "two_legs.toml")
 
-    able, passive = gym.walk_legs([of_ability(1.0), of_ability(0.0)], 5)
+    walk, passive = gym.walk_legs([weak(of_ability(1.0), 0.55, 0.75), of_ability(0.0)], 7)
 
-    is_left_alone(able)
     goes_on_unrefused(passive)
     does_not_brake_what_leads(passive)
     stays_near(passive)
     assert stiffness(passive)[-1] > 0.55
     assert helped(passive)[-1, 0] > 0.02
-
-
-def test_a_patient_with_one_weak_phase_is_helped_in_it_alone_and_stays_near_the_gait(warm_gym):
-    walk = warm_gym.walk(weak(of_ability(1.0), 0.55, 0.75), 7)
-
     is_helped_well(walk)
     stays_near(walk)
     assert stiffness(walk)[-1] < 0.65
