@@ -18,7 +18,7 @@ from gaitd_lab.fault_matrix.evaluation import broken
 from gaitd_lab.fault_matrix.exceptions import EXCEPTIONS
 from gaitd_lab.fault_matrix.faults import EMERGENCIES, FAULTS, LAWS
 from gaitd_lab.fault_matrix.modes import COLUMNS
-from gaitd_lab.fault_matrix.run import cells, parts, play_part
+from gaitd_lab.fault_matrix.run import cells, parts, play_part, run
 from gaitd_lab.fault_matrix.watch import AXES
 from sim_drives.settings import FaultKind
 
@@ -278,7 +278,7 @@ def test_a_drive_that_is_silent_since_bring_up_is_not_called_enabled_by_another_
 def test_a_cell_alone_is_played_bit_for_bit_as_among_others(warm_process):
     cell = Cell("hand_switch", "hold", "right/slide")
 
-    (alone,) = play_part(DEMO, [cell], SEED)
+    ((alone,),) = run(DEMO, [cell], SEED, jobs=1)
     among = play_part(DEMO, [cell, *cells(("silent", "overrun_3"), ("hold",), AXES[:1])], SEED)
 
     assert alone in among
