@@ -276,10 +276,10 @@ def test_a_drive_that_is_silent_since_bring_up_is_not_called_enabled_by_another_
 
 
 def test_a_cell_alone_is_played_bit_for_bit_as_among_others(warm_process):
-    cell = Cell("hand_switch", "hold", "right/slide")
+    cell = Cell("hand_switch", "reference", "right/hip")
 
     ((alone,),) = run(DEMO, [cell], SEED, jobs=1)
-    among = play_part(DEMO, [cell, *cells(("silent", "overrun_3"), ("hold",), AXES[:1])], SEED)
+    among = play_part(DEMO, [cell, *cells(("silent", "overrun_3"), ("reference",), AXES[:1])], SEED)
 
     assert alone in among
     assert alone.stopped
