@@ -122,6 +122,9 @@ class Node:
         self.axis = axis
         self.disturbance = Disturbance()
         self._tpdo_ids: set[int] = set()
+        self._own_ids: frozenset[int | None] = frozenset()
+        self._own_revision = -1
+        """Revision of the dictionary of which `_own_ids` are."""
         self.state = NmtState.INITIALISING
         self.timers = Timers()
         self._settings = settings
@@ -273,12 +276,12 @@ class Node:
 
     def _is_ours(self, can_id: int) -> bool:
         """Return whether the identifier is one that only this node sends, TPDOs excluded."""
-        node_id = self._settings.node_id
-        return can_id in (
-            SDO_ANSWER_ID + node_id,
-            HEARTBEAT_ID + node_id,
-            self.errors.can_id,
-        )
+        if self._own_revision != self.dictionary.revision:
+            node_id = self._settings.node_id
+            own_ids = (SDO_ANSWER_ID + node_id, HEARTBEAT_ID + node_id, self.errors.can_id)
+            self._own_ids = frozenset(own_ids)
+            self._own_revision = self.dictionary.revision
+        return can_id in self._own_ids
 
     def _network_command(self, data: bytes) -> None:
         command = command_for(self._settings.node_id, data)

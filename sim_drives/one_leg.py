@@ -95,9 +95,8 @@ class OneLeg:
             )
             for number, (axis, settings, entries) in enumerate(parts)
         }
-        self._timers = [node.timers for node in self.nodes.values()]
-        self._axes = [(node.axis, node) for node in self.nodes.values()]
-        self._flags = [0 for _ in self._axes]
+        self._hip_timers, self._slide_timers = (node.timers for node in self.nodes.values())
+        self._flags = [0 for _ in self.nodes]
 
     def power_on(self, outsiders: Mapping[str, Outsider]) -> None:
         """Power the drives on; those of `outsiders` stay without power and send nothing."""
@@ -133,26 +132,27 @@ class OneLeg:
         sent: list[Frame] = []
         while True:
             self._advance_plant(min(self._next_deadline_ns(), time_ns))
-            sent += self._release()  # before a fault that begins now can delay them
+            self._release(sent)  # before a fault that begins now can delay them
             if self._next_deadline_ns() <= self.now_ns:
                 self._run_due()
             elif self.now_ns == time_ns:
-                return sent + self._release()
+                return sent
 
     def next_event_ns(self) -> int:
         """Return the time of the next event, or NEVER; flags of the plant not included."""
         return min(self._next_deadline_ns(), self._outbox[0][0] if self._outbox else NEVER)
 
     def _next_deadline_ns(self) -> int:
-        hip, slide = self._timers
-        timers_ns = min(hip.next_ns, slide.next_ns)
+        hip_ns, slide_ns = self._hip_timers.next_ns, self._slide_timers.next_ns
+        timers_ns = hip_ns if hip_ns < slide_ns else slide_ns
         return min(timers_ns, self._agenda[0][0]) if self._agenda else timers_ns
 
     def _advance_plant(self, time_ns: int) -> None:
         """Advance the plant to `time_ns`, or until it raises a flag, which the nodes process."""
-        self.now_ns = self._plant.advance(max(time_ns, self.now_ns))
-        for number, (axis, node) in enumerate(self._axes):
-            flags = axis.plant.flags(axis.number)
+        plant = self._plant
+        self.now_ns = plant.advance(max(time_ns, self.now_ns))
+        for number, node in enumerate(self.nodes.values()):
+            flags = plant.flags(number)
             if flags != self._flags[number]:
                 self._flags[number] = flags
                 node.changed()
@@ -167,13 +167,12 @@ class OneLeg:
             if node.timers.next_ns <= self.now_ns:
                 node.run_timers(self.now_ns)
 
-    def _release(self) -> list[Frame]:
-        sent: list[Frame] = []
+    def _release(self, sent: list[Frame]) -> None:
+        """Add the frames that are due now."""
         while self._outbox and self._outbox[0][0] <= self.now_ns:
             time_ns, _, drive, frame = heapq.heappop(self._outbox)
             if self.nodes[drive].reaches_bus(frame, time_ns):
                 sent.append(Frame(frame.can_id, frame.data, time_ns))
-        return sent
 
     # --- faults -------------------------------------------------------------------------------
 

@@ -99,7 +99,9 @@ class World:
         """
         if time_ns < self.now_ns:
             raise ValueError(f"the world is at {self.now_ns} ns, cannot go back to {time_ns} ns")
-        sent = [frame for leg in self._legs for frame in leg.advance_to(time_ns)]
+        sent: list[Frame] = []
+        for leg in self._legs:
+            sent += leg.advance_to(time_ns)
         self.now_ns = time_ns
         if len(sent) > 1:
             sent.sort(key=lambda frame: frame.time_ns)
@@ -107,7 +109,10 @@ class World:
 
     def next_event_ns(self) -> int:
         """Return the time of the next event, or timers.NEVER; the plants may report earlier."""
-        return min((leg.next_event_ns() for leg in self._legs), default=NEVER)
+        next_ns = NEVER
+        for leg in self._legs:
+            next_ns = min(next_ns, leg.next_event_ns())
+        return next_ns
 
     # --- faults -------------------------------------------------------------------------------
 

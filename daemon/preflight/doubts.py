@@ -1,7 +1,4 @@
-"""Numbers that `gaitd check` accepts and warns of: each is allowed, and is more often a mistake.
-
-Those that end with `NEXT_RELEASE` will be refused then: a trainer that works today may have them.
-"""
+"""Numbers that `gaitd check` accepts and warns of: each is allowed, and is more often a mistake."""
 
 import math
 from collections.abc import Iterator
@@ -28,7 +25,6 @@ STRONG_RATIO: Final = 8.0
 """A drive that gives this many times the limit of its joint."""
 NOMINAL_RATIO: Final = 4.0
 """Current limit over nominal current."""
-NEXT_RELEASE: Final = "; the next release refuses it"
 
 _PARTNER: Final = {
     DecelerationUnit.RPM_PER_S: SpeedUnit.RPM,
@@ -91,7 +87,7 @@ def _drive(drive: DriveDescription, file: Path, limits: DriveLimits) -> Errors:
     ):
         why = (
             f"more than {NOMINAL_RATIO:g} times nominal_current_a = {motor.nominal_current_a:g}; "
-            f"give motor.peak_current_a of the motor's data sheet{NEXT_RELEASE}"
+            "give motor.peak_current_a of the motor's data sheet"
         )
         yield ConfigError(file, "motor.current_limit_a", motor.current_limit_a, why)
 
@@ -147,12 +143,12 @@ def _patient_on_a_real_machine(settings: Settings) -> Errors:
     if settings.robot.patient is None or not has_real_drives(trainer.bus):
         return
     if trainer.self_test.required == "never":
-        why = f'"daily" where a person uses the machine{NEXT_RELEASE}'
+        why = '"daily" where a person uses the machine'
         yield ConfigError(file, "self_test.required", trainer.self_test.required, why)
     if trainer.excite:
         why = (
             f"robot names {trainer.robot}, with a patient, and these push without guidance: "
-            f"name the file of the empty machine, or delete them{NEXT_RELEASE}"
+            "name the file of the empty machine, or delete them"
         )
         yield ConfigError(file, "excite", dict(trainer.excite), why)
 

@@ -70,27 +70,32 @@ def frame_bits(data_bytes: int) -> int:
 def frame_bits_exact(can_id: int, data: bytes) -> int:
     """Length of one data frame as it is on the wire, with stuffing and intermission.
 
-    It costs two look-ups for each byte: cheap enough for every frame of a cycle.
+    It costs two look-ups for each byte: cheap enough for every frame of a cycle. A CRC is linear:
+    each byte adds its own, as many places from the end as it is.
     """
-    run, stuffed, crc = _header(can_id, len(data))
-    for byte in data:
-        entry = _STUFFED_8[run << 8 | byte]
-        run, stuffed = entry >> 2, stuffed + (entry & 3)
-        crc = (crc << 8 ^ _CRC_OF_BYTE[crc >> 7 ^ byte]) & _CRC_MASK
-    high = _STUFFED_8[run << 8 | crc >> 7]
-    low = _STUFFED_7[high >> 2 << 8 | crc & 0x7F]
-    return _FIXED_BITS + 8 * len(data) + stuffed + (high & 3) + (low & 3)
+    state, bits, crc = _header(can_id, len(data))
+    for byte, crc_of in zip(data, _CRC_IN[-len(data) :], strict=False):
+        state = _STUFFED_8[state & _RUN | byte]
+        bits += state >> _COUNT
+        crc ^= crc_of[byte]
+    state = _STUFFED_8[state & _RUN | crc >> 7]
+    return bits + (state >> _COUNT) + (_STUFFED_7[state & _RUN | crc & 0x7F] >> _COUNT)
 
 
 @lru_cache(_HEADERS_KEPT)
 def _header(can_id: int, data_bytes: int) -> tuple[int, int, int]:
-    """Return run and CRC from start of frame to length, and the number of stuffed bits."""
+    """Return the state after the length, the frame's bits so far, and the CRC if no data were set.
+
+    The bits are those of a frame with data that need no stuffing.
+    """
     header = can_id << 7 | data_bytes
     run, stuffed = _stuff(_IDLE, header, _HEADER_BITS)
     crc = 0
     for byte in header.to_bytes(3, "big"):  # the five zeros before it leave a CRC of 0 as it is
-        crc = (crc << 8 ^ _CRC_OF_BYTE[crc >> 7 ^ byte]) & _CRC_MASK
-    return _number(run), stuffed, crc
+        crc = _crc_after(crc, byte)
+    for _ in range(data_bytes):
+        crc = _crc_after(crc, 0)
+    return _number(run) << 8, _FIXED_BITS + 8 * data_bytes + stuffed, crc
 
 
 def _stuff(run: _Run, value: int, width: int) -> tuple[_Run, int]:
@@ -113,26 +118,38 @@ def _number(run: _Run) -> int:
 
 
 def _stuff_table(width: int) -> tuple[int, ...]:
-    """Return `run after << 2 | stuffed` at `run before << 8 | value`, for every run and byte."""
+    """Return `stuffed << 11 | run after << 8` at `run before << 8 | value`, for each of both."""
     found = (
         _stuff((bit, length), value, width)
         for bit in (0, 1)
         for length in range(1, _STUFF_AFTER)
         for value in range(256)
     )
-    return tuple(_number(run) << 2 | stuffed for run, stuffed in found)
+    return tuple(stuffed << _COUNT | _number(run) << 8 for run, stuffed in found)
 
 
-def _crc_of_byte(byte: int) -> int:
-    crc = byte << 7
+def _crc_after(crc: int, byte: int) -> int:
+    """Return the CRC after eight more bits."""
+    crc ^= byte << 7
     for _ in range(8):
         crc = (crc << 1 ^ (_CRC_POLYNOMIAL if crc & 0x4000 else 0)) & _CRC_MASK
     return crc
 
 
+def _crcs_in(places: int) -> list[tuple[int, ...]]:
+    """Return the CRC of each byte alone: first of one before 7 others, last of the last one."""
+    tables = [tuple(_crc_after(0, byte) for byte in range(256))]
+    while len(tables) < places:
+        tables.insert(0, tuple(_crc_after(crc, 0) for crc in tables[0]))
+    return tables
+
+
+_RUN: Final = 0x700
+_COUNT: Final = 11
+"""Bits of the run in a state, and the place above them of the number of stuffed bits."""
 _STUFFED_8: Final = _stuff_table(8)
 _STUFFED_7: Final = _stuff_table(7)
-_CRC_OF_BYTE: Final = tuple(map(_crc_of_byte, range(256)))
+_CRC_IN: Final = _crcs_in(8)
 
 
 def bus_load(

@@ -188,7 +188,10 @@ class ObjectDictionary:
 
     def value_or(self, index: int, subindex: int, missing: int) -> int:
         """Return the number at an address, or `missing` if this drive does not have the object."""
-        return self.value(index, subindex) if (index, subindex) in self._values else missing
+        value = self._values.get((index, subindex), missing)
+        if isinstance(value, bytes):
+            raise TypeError(f"{index:04X}h:{subindex} holds a string")
+        return value
 
     def assume(self, standard: Mapping[Address, Value]) -> None:
         """Fill in what the EDS leaves empty; what it lacks is the drive's own, hidden from SDO."""
@@ -239,11 +242,16 @@ class ObjectDictionary:
 
     def accepts(self, index: int, subindex: int, value: int) -> bool:
         """Return whether a mapped value passes its range and its guard."""
-        try:
-            _check_range(self.entry(index, subindex), value)
-            self.check(index, subindex, value)
-        except SdoAbortError:
+        entry, guard = self._entries.get((index, subindex)), self._guards.get(index)
+        if entry is None or not (entry.low is None or entry.low <= value):
             return False
+        if not (entry.high is None or value <= entry.high):
+            return False
+        if guard is not None:
+            try:
+                guard(subindex, value)
+            except SdoAbortError:
+                return False
         return True
 
     def notify(self, index: int, subindex: int) -> None:

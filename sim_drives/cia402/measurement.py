@@ -33,6 +33,7 @@ TIMESTAMP: Final = (0x2041, 0)
 AVERAGING_S: Final = 0.05
 """Time constant of 30D1h:01."""
 _INT16_MAX: Final = 2**15 - 1
+_END_STOPS: Final = AxisFlag.END_STOP_NEGATIVE | AxisFlag.END_STOP_POSITIVE
 
 
 class Reading(NamedTuple):
@@ -158,6 +159,8 @@ class Measurement:
 
     def switches(self, flags: int) -> int:
         """Bits of the limit switches: the joint's end stops in the drive's direction."""
+        if not flags & _END_STOPS and not self.switch_held:
+            return 0
         negative, positive = AxisFlag.END_STOP_NEGATIVE, AxisFlag.END_STOP_POSITIVE
         if self._sign < 0:
             negative, positive = positive, negative

@@ -291,9 +291,9 @@ class Motion:
 
     def outside_position_limits(self) -> bool:
         """True if the position, or in cyclic position mode its target, lies outside 607Dh."""
-        lower, upper = self._limits()
-        positions = [self._measurement.position_counts]
-        if self.is_following_positions:
-            positions.append(self.target_position)
-        limited = (lower, upper) != NO_POSITION_LIMITS
-        return limited and not all(lower <= position <= upper for position in positions)
+        lower, upper = limits = self._limits()
+        if limits == NO_POSITION_LIMITS:
+            return False
+        if not lower <= self._measurement.position_counts <= upper:
+            return True
+        return self.is_following_positions and not lower <= self.target_position <= upper

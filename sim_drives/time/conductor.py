@@ -228,14 +228,13 @@ class Conductor:
         targets = [(seat, self._target_ns(seat, seat.wait)) for seat in self.seats if seat.wait]
         if not targets and limit_ns is None:
             return []
-
-        def goal_ns() -> int:
-            reached = [seat.world_until_ns(target_ns) for seat, target_ns in targets]
-            if limit_ns is not None:
-                reached.append(limit_ns)
-            return min(reached)
-
-        self._pass(goal_ns)
+        goal_ns = _goal_ns(targets, limit_ns)
+        while self._agenda and self._agenda[0][0] <= goal_ns:
+            due_ns, _, action = heapq.heappop(self._agenda)
+            self._advance(max(due_ns, self.now_ns))
+            action()
+            goal_ns = _goal_ns(targets, limit_ns)
+        self._advance(max(goal_ns, self.now_ns))
         return [
             seat
             for seat, target_ns in targets
@@ -265,19 +264,20 @@ class Conductor:
         event_ns = self.world.next_event_ns()
         return min(event_ns, self._agenda[0][0]) if self._agenda else event_ns
 
-    def _pass(self, goal_ns: Callable[[], int]) -> None:
-        while self._agenda and self._agenda[0][0] <= goal_ns():
-            due_ns, _, action = heapq.heappop(self._agenda)
-            self._advance(max(due_ns, self.now_ns))
-            action()
-        self._advance(max(goal_ns(), self.now_ns))
-
     def _advance(self, world_ns: int) -> None:
         for timed in self.world.advance_to(world_ns):
             for seat in self.seats:
                 if not seat.trouble.is_off:
                     stamp_ns = seat.utc_ahead_ns + timed.time_ns - seat.behind_ns
                     seat.waiting.append(Frame(timed.can_id, timed.data, stamp_ns))
+
+
+def _goal_ns(targets: Sequence[tuple[Seat, int]], limit_ns: int | None) -> int:
+    """Return the first instant at which one of these seats may continue, or the limit."""
+    reached = [seat.world_until_ns(target_ns) for seat, target_ns in targets]
+    if limit_ns is not None:
+        reached.append(limit_ns)
+    return min(reached)
 
 
 def computing_cost(seed: int, seat: str) -> Callable[[], int]:

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from gaitd_names import EventCode, Mode, RequestKind, Stage
 from msgspec.structs import replace as replace_fields
 from sessions import CONFIGS, briefly_announced
@@ -17,8 +16,8 @@ from observer.mechanism.friction import static_friction_of
 from observer.mechanism.linkage import dynamics
 
 
-@pytest.fixture(scope="module")
-def session():
+def walked():
+    """Walked with a baseline by a passive patient, and without one by an active one."""
     settings = load(CONFIGS / "demo.toml")
     patient = settings.robot.patient
     light = replace_fields(patient, mass_kg=0.85 * patient.mass_kg)
@@ -52,7 +51,14 @@ def errors(session, records):
     return np.moveaxis(np.array(found), -1, 0)
 
 
-def test_the_minute_is_reported_and_what_follows_is_relative_to_it_and_right(session):
+def test_what_follows_the_minute_is_relative_to_it_and_right():
+    session = walked()
+    is_reported_and_what_follows_is_right(session)
+    need_holds_what_the_minute_explains(session)
+    strides_say_whether_it_was_taken_off(session)
+
+
+def is_reported_and_what_follows_is_right(session):
     events = [
         (number, event)
         for number, record in enumerate(session.records)
@@ -91,7 +97,7 @@ def surplus(session, records):
     return needed - expected[1:-1]
 
 
-def test_the_need_holds_what_the_minute_explains(session):
+def need_holds_what_the_minute_explains(session):
     (taken,) = [
         number
         for number, record in enumerate(session.records)
@@ -104,7 +110,7 @@ def test_the_need_holds_what_the_minute_explains(session):
     assert (np.sqrt(np.mean(after**2, axis=0)) < (1.0, 10.0)).all()
 
 
-def test_strides_say_whether_a_baseline_was_taken_off(session):
+def strides_say_whether_it_was_taken_off(session):
     strides = [record.legs[0].stride for record in session.records if record.legs[0].stride]
 
     assert not strides[3].baseline_subtracted

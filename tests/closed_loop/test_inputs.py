@@ -3,7 +3,7 @@
 from functools import partial
 
 import pytest
-from gaitd_names import Cause, Finding, Mode, RequestKind, Stage
+from gaitd_names import Cause, Mode, RequestKind, Stage
 from sessions import (
     changed_configs,
     elsewhere,
@@ -13,7 +13,6 @@ from sessions import (
 from wire import change_what_drives_say
 
 from daemon.ipc.record import ModeRequest
-from drives.signals import PowerState
 
 INPUT_BITS = {"hand_switch_closed": 16, "sto_released": 17}
 
@@ -40,29 +39,6 @@ def wired_the_other_way(folder):
 
     change_what_drives_say(session, invert)
     return session
-
-
-def test_an_open_hand_switch_is_a_quick_stop_of_both_drives(warm_gait):
-    warm_gait.command("hand_switch_open right/slide")
-
-    reaches_rest_in_fault(warm_gait)
-
-    record = warm_gait.record
-    assert record.verdict.cause == Cause.HAND_SWITCH_OPEN
-    assert {drive.power_state for drive in record.drives} == {PowerState.QUICK_STOP_ACTIVE}
-    assert [drive.hand_switch_closed for drive in record.drives] == [True, False]
-
-
-def test_sto_takes_the_power_from_both_drives(warm_gait):
-    warm_gait.command("sto_open right/hip")
-
-    warm_gait.run(0.8)
-
-    record = warm_gait.record
-    powered = {PowerState.OPERATION_ENABLED, PowerState.QUICK_STOP_ACTIVE}
-    assert (record.mode, record.verdict.cause) == (Mode.FAULT, Cause.STO_ACTIVE)
-    assert not powered & {drive.power_state for drive in record.drives}
-    assert [drive.sto_released for drive in record.drives] == [False, True]
 
 
 def walking(session):
@@ -151,29 +127,6 @@ def test_an_input_of_the_other_level_means_the_same(tmp_path):
         ("sto_open", Cause.STO_ACTIVE),
     ):
         assert elsewhere(session, partial(stopped_by, fault)) == (Mode.STOPPING, cause)
-
-
-def on_its_switch(configs):
-    session = new_session(configs).enable()
-    gait = ModeRequest(Mode.GAIT, cadence_hz=0.5, amplitude_ratio=1.0, duration_s=60.0)
-    session.request(RequestKind.MODE, gait)
-    session.run_until(lambda record: not record.mode.active, within_s=30)
-    return session
-
-
-def test_a_joint_that_runs_on_to_its_limit_switch_stops(tmp_path):
-    """The slide's drive counts the other way: the joint's lower end is the drive's positive one.
-
-    plant.toml's stop inside what the gait asks: where it is touched is a limit switch.
-    """
-    stop = ("plant.toml", "min_m = -0.02", "min_m = 0.40")
-
-    session = on_its_switch(changed_configs(tmp_path, stop))
-
-    verdict = session.record.verdict
-    assert (verdict.cause, verdict.drive) == (Cause.LIMIT_SWITCH, "right/slide")
-    assert verdict.finding is Finding.POSITIVE_SWITCH
-    session.until(Mode.FAULT, within_s=2)
 
 
 def test_a_joint_that_stands_on_its_limit_switch_may_be_enabled_and_moves_away(tmp_path):

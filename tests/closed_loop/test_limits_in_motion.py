@@ -53,10 +53,10 @@ def test_a_current_sensor_that_shows_too_much_is_found_within_a_stride(warm_gait
     assert stopped.verdict.drive == drive
 
 
-@pytest.mark.parametrize("drive", ["right/slide"])
 def test_a_current_sensor_that_shows_torque_without_power_is_found_before_anything_moves(
-    warm_ready, drive
+    warm_ready,
 ):
+    drive = "right/slide"
     warm_ready.command(f"torque_offset {drive} - 3000")
     warm_ready.run_until(lambda record: record.mode == Mode.FAULT, within_s=1)
 

@@ -13,10 +13,18 @@ from daemon.ipc.report import Event
 from daemon.preflight.load import load
 from gaitd_lab.lockstep import LockstepSession
 from gaitd_lab.lockstep_gateway import Gateway
-from gaitd_lab.patients import DT_S, Gait, Model, Patient, Spasm, clonic, of_ability, trembling
-from gaitd_lab.studies.working_patients import Cell, play
+from gaitd_lab.patients import (
+    DT_S,
+    Gait,
+    Late,
+    Model,
+    Patient,
+    Spasm,
+    clonic,
+    of_ability,
+    trembling,
+)
 from gaitd_lab.virtual_machine import virtual_machine
-from sim_drives.plant.settings import FrictionLaw
 
 CONFIG = CONFIGS / "demo.toml"
 MUSCLE_RISE_S = 0.06
@@ -37,26 +45,26 @@ def clonus_events(session: LockstepSession) -> list[Event]:
     return reported(session.records, EventCode.CLONUS_BEGUN)
 
 
-def test_a_patient_who_brakes_the_leg_before_its_turns_walks_on():
-    played = play(CONFIG, Cell("late", 0.35, FrictionLaw.PAPER, 1), 6.0)
-
-    assert not played.cause
-
-
 @pytest.mark.parametrize(
-    "at_s",
+    ("model", "at_s"),
     [
-        3.0,
-        *(pytest.param(at_s, marks=pytest.mark.thorough) for at_s in np.arange(9.0, 13.0, 0.25)),
+        (Late(of_ability(1.0)), 6.0),
+        *(
+            pytest.param(of_ability(0.5), at_s, marks=pytest.mark.thorough)
+            for at_s in np.arange(9.0, 13.0, 0.25)
+        ),
     ],
 )
-def test_a_spasm_of_a_patient_who_works_stops_at_every_phase_within_window_and_patience(at_s):
-    spasm, half = Spasm(at_s), of_ability(0.5)
+def test_a_spasm_of_a_patient_who_works_stops_at_every_phase_within_window_and_patience(
+    model, at_s
+):
+    """One who brakes the leg before its turns walks on until then."""
+    spasm = Spasm(at_s)
 
-    def model(gait: Gait) -> np.ndarray:
-        return half(gait) + spasm(gait)
+    def with_spasm(gait: Gait) -> np.ndarray:
+        return model(gait) + spasm(gait)
 
-    session = session_of(model).walk(duration_s=at_s - 0.1)
+    session = session_of(with_spasm).walk(cadence_hz=0.35, duration_s=at_s - 0.1)
     walking = session.record.mode == Mode.GAIT
     rules = load(CONFIG).limits.spasm
 

@@ -10,7 +10,7 @@ import pytest
 from bench_motor import BenchWorld, OneBus, bench
 from durand.scheduler import get_scheduler, set_scheduler
 from gaitd_names import Cause, Mode, Outcome, RefusalCode, RequestKind
-from sessions import single_axis_run
+from sessions import briefly_announced, single_axis_run
 
 from daemon.ipc.record import ModeRequest
 from daemon.ipc.report import Refusal
@@ -27,7 +27,7 @@ OF_THE_SLIDE = {base + 6 for base in (0x080, 0x180, 0x280, 0x380, 0x580, 0x700)}
 
 class Bench(LockstepSession):
     def __init__(self, folder):
-        settings = accepted(bench(folder, kind="epos4"))
+        settings = briefly_announced(accepted(bench(folder, kind="epos4")))
         self.motor = BenchWorld(settings.drives[0])
         log = TruthLog(None)
         machine = virtual_machine(

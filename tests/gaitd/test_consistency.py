@@ -139,7 +139,7 @@ def test_the_same_seeds_give_the_same_numbers(empty):
 
 
 def test_the_command_prints_and_writes_what_it_measured_and_ends_with_0(tmp_path):
-    ran = gaitd("consistency", "--runs", 30, "--seeds", 1, "--output", tmp_path, "--json")
+    ran = gaitd("consistency", "--runs", 12, "--seeds", 1, "--output", tmp_path, "--json")
 
     assert ran.code == 0, ran.out + ran.err
     assert json.loads(ran.out)["passed"] is True

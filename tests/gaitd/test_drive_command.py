@@ -113,12 +113,15 @@ def test_a_dump_in_a_file_is_equal_to_the_drive_until_something_is_written(machi
 def test_compare_tells_what_bring_up_would_change_and_why(machine):
     ended = gaitd(*told(machine, "right/hip", "compare"))
     table = json.loads(gaitd(*told(machine, "right/hip", "compare", "--all", "--json")).out)
+    with_eds = gaitd(*told(machine, "right/hip", "compare", "--eds"))
 
     assert ended.code == 1
     assert "its own heartbeat in ms" in ended.out
     assert "vendor of this axis" not in ended.out
     assert table["compared_count"] == len(table["objects"])
     assert {o["same"] for o in table["objects"]} == {True, False}
+    assert with_eds.code == 1
+    assert "EDS default" in with_eds.out
 
 
 def test_a_drive_that_is_not_there_ends_with_3(machine_of):

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 
@@ -333,37 +334,34 @@ def cluster(tmp_path):
     made.end()
 
 
-def started(sessions, output, address):
-    """The command as its own process, as its connection is lost."""
-    folders = map(str, sorted(sessions.iterdir()))
-    command = [sys.executable, "-m", "gaitd", "fleet", "estimate", *folders]
-    options = ["--robot", str(ROBOT), "--output", str(output), "--scheduler", address]
-    return subprocess.Popen(
-        [*command, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
+def lose(cluster, output):
+    """Stop the second worker when it has made a result, and kill the scheduler."""
+    end_s = time.monotonic() + 120
+    while not list(output.glob("*.parquet")):
+        assert time.monotonic() < end_s
+        time.sleep(0.05)
+    cluster.workers[1].send_signal(signal.SIGSTOP)
+    cluster.scheduler.kill()
 
 
 @pytest.mark.usefixtures("threads")
 def test_a_lost_scheduler_costs_nothing_that_was_finished(sessions, made, tmp_path, cluster):
     """What Dask does for a worker that is lost is left to its own tests."""
     address = cluster.address
-    first, second = cluster.workers
-    first.send_signal(signal.SIGSTOP)  # it takes tasks, and does none
+    cluster.workers[0].send_signal(signal.SIGSTOP)  # it takes tasks, and does none
     output = tmp_path / "results"
-    process = started(sessions, output, address)
-    while not list(output.glob("*.parquet")):
-        assert process.poll() is None, process.communicate()
-        time.sleep(0.05)
-    second.send_signal(signal.SIGSTOP)
-    cluster.scheduler.kill()
-
-    out, err = process.communicate()
+    folders = sorted(sessions.iterdir())
+    words = ("fleet", "estimate", *folders, "--robot", ROBOT, "--output", output)
+    with ThreadPoolExecutor(1) as beside:
+        lost = beside.submit(lose, cluster, output)
+        ended = gaitd(*words, "--scheduler", address)
+        lost.result()
 
     finished = {file.name: file.read_bytes() for file in output.glob("*.parquet")}
-    assert process.returncode == 1, err
+    assert ended.code == 1, ended.err
     assert 0 < len(finished) < CSV_COUNT  # the first worker holds some
-    assert "the scheduler was lost; the same call again does what is missing" in out
-    assert "Traceback" not in out
+    assert "the scheduler was lost; the same call again does what is missing" in ended.out
+    assert "Traceback" not in ended.out
     assert finished == {name: (made[0] / name).read_bytes() for name in finished}
     again = fleet(sessions, output, "--workers", 1)[1]
     assert sum(one["kept"] for one in again.values()) == len(finished)

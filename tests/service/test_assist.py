@@ -21,7 +21,7 @@ def test_the_tutorials_law_walks_a_gait_and_logs_and_publishes_its_strides(long_
         published = []
         operator.controller("right").call(published.append)
         answering = threading.Thread(
-            target=example("own_law").main, args=(trainer, file), kwargs={"duration_s": 20.0}
+            target=example("own_law").main, args=(trainer, file), kwargs={"duration_s": 12.0}
         )
         answering.start()
         long_service.wait(lambda: trainer.status().safety.lease_holder == "gaitd-assist", 30)

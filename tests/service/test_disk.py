@@ -8,7 +8,6 @@ import os
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from fault_observations import Watch
@@ -21,7 +20,6 @@ from small_disk import fill
 from gaitd_lab.processes import GAITD
 
 CONFIGURATION_ERROR = 2
-FULL = Path("/dev/full")
 NOBODY = 65534
 AS_A_USER = ("setpriv", "--bounding-set=-dac_override,-dac_read_search", "--inh-caps=-all")
 """Without the right of root to write what belongs to others."""
@@ -30,11 +28,11 @@ RING_AND_A_LITTLE = "24m"
 
 
 def refused(service, part="core"):
-    ended = service.ran(part)
-    assert ended.returncode == CONFIGURATION_ERROR, ended.stderr
-    assert "Traceback" not in ended.stderr
-    assert ended.stderr.startswith("configuration error: ")
-    return ended.stderr
+    code, said = service.ran(part)
+    assert code == CONFIGURATION_ERROR, said
+    assert "Traceback" not in said
+    assert said.startswith("configuration error: ")
+    return said
 
 
 # --- at the start -----------------------------------------------------------------------------
@@ -136,17 +134,21 @@ def test_a_place_where_no_directory_can_be_made_is_refused_by_its_key(folder, fa
 
 
 def test_a_log_on_a_full_disk_keeps_no_core_from_running_and_from_ending_with_0(
-    folder, fault_table
+    folder, small, fault_table
 ):
     service = Service(folder)
-    command = [sys.executable, *GAITD, "core", "--config", str(service.config)]
-    with FULL.open("w") as full, subprocess.Popen(command, stderr=full) as core:
-        try:
-            service.until(lambda record: record.seq > 1, TIMEOUT_S)
-        finally:
-            core.terminate()
+    disk = small("log", "1m")
+    log = disk / "core.log"
+    log.touch()
+    (folder / "core.log").symlink_to(log)
+    fill(disk)
+    core = service.start("core")
+    try:
+        service.until(lambda record: record.seq > 1, TIMEOUT_S)
+    finally:
+        code = core.end()
 
-    assert core.returncode == 0
+    assert (code, log.stat().st_size) == (0, 0)
     fault_table.add(
         "log of the core on a full disk",
         "start and end",

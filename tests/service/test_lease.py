@@ -61,7 +61,7 @@ def bench(long_service):
 
 def test_the_controller_of_the_document_steers_and_leaves_a_leg_that_is_held(bench):
     lapses_before = bench.service.enable().assist.lapse_count
-    client = bench.steering(4.0)
+    client = bench.steering(2.0)
     steering = bench.service.request("status")
     screen = bench.service.ask("status").out
     said, trouble = client.communicate(timeout=30)

@@ -41,12 +41,6 @@ def cycles_later(service, count=SHOWN_CYCLES):
     service.until(lambda record: record.seq >= first + count)
 
 
-def said_of(service, part):
-    """What a second process of this kind says at its end, and its exit code."""
-    ended = service.ran(part)
-    return ended.returncode, ended.stderr
-
-
 def replace_gateway(service, folder):
     """Kill the gateway; another one has begun when AWAY_CYCLES have passed without any."""
     before = service.parts["gateway"]
@@ -100,7 +94,7 @@ def test_a_second_process_beside_the_first_is_refused_by_name_and_disturbs_nothi
     walking = long_service.bring(Mode.GAIT)
     with Watch(walking) as seen:
         refusals = walking.newest().bus.foreign_master_count
-        code, said = said_of(walking, part)
+        code, said = walking.ran(part)
         cycles_later(walking, 5)
         records = seen.records_since()
         seen.read_bus()

@@ -302,12 +302,12 @@ def test_a_port_that_is_in_use_is_a_configuration_error_that_names_it_and_distur
     text = stranger.config.read_text()
     stranger.config.write_text(text.replace(str(stranger.zenoh_port), str(walking.zenoh_port)))
     with Watch(walking) as seen:
-        ended = stranger.ran("gateway")
+        code, said = stranger.ran("gateway")
         records = seen.records_since()
 
-    assert ended.returncode == CONFIGURATION_ERROR
-    assert f"tcp/127.0.0.1:{walking.zenoh_port}" in ended.stderr
-    assert "Traceback" not in ended.stderr
+    assert code == CONFIGURATION_ERROR
+    assert f"tcp/127.0.0.1:{walking.zenoh_port}" in said
+    assert "Traceback" not in said
     assert {record.verdict.cause for record in records} == {Cause.NONE}
     fault_table.add(
         "Zenoh port in use", "start", "gateway", "exit 2, names it", None, "said", "ended"

@@ -1,5 +1,6 @@
 """The end of a fork that runs a program: its exit code, as an interpreter would give it."""
 
+import contextlib
 import sys
 import traceback
 from collections.abc import Callable
@@ -16,5 +17,6 @@ def exit_code_of(program: Callable[[], object]) -> int:
         return 1
     finally:
         sys.stdout.flush()
-        sys.stderr.flush()
+        with contextlib.suppress(OSError):  # as an interpreter at its end
+            sys.stderr.flush()
     return 0

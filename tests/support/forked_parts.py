@@ -9,6 +9,7 @@ as people start them. A plugin of pytest; see `tests/conftest.py`.
 import ctypes
 import gc
 import os
+import runpy
 import signal
 import sys
 from collections.abc import Sequence
@@ -21,6 +22,8 @@ from as_program import exit_code_of
 from gaitd_lab import processes
 
 FORKED: Final = ("core", "sim")
+ALTERED_CORE: Final = str(Path(__file__).with_name("altered_core.py"))
+"""A program that is the core, but for what it replaces in it."""
 AS_PEOPLE_START_THEM: Final = ("rig_vcan", "rig_systemd", "rig_browser")
 """Marks of tests whose processes are executed."""
 EXECUTED: Final = processes.ManagedProcess
@@ -31,10 +34,10 @@ _IS_WARM: list[bool] = []
 
 
 class ForkedPart(processes.ManagedProcess):
-    """A process `gaitd core ...` or `gaitd sim ...`."""
+    """A process `gaitd core ...` or `gaitd sim ...`, or of the altered core."""
 
     def __init__(self, name: str, words: Sequence[str], *more: Any, **others: Any) -> None:
-        self._words = words[len(processes.GAITD) :]
+        self._words = words
         _warm_up()
         super().__init__(name, words, *more, **others)
 
@@ -81,7 +84,10 @@ def _become(parent: int, streams: Sequence[int], folder: Path, environment: Any)
 def _run(words: Sequence[str]) -> int:
     from gaitd.__main__ import main
 
-    sys.argv = ["gaitd", *words]
+    if words[0] == ALTERED_CORE:
+        sys.argv = [*words]
+        return exit_code_of(lambda: runpy.run_path(ALTERED_CORE, run_name="__main__"))
+    sys.argv = ["gaitd", *words[len(processes.GAITD) :]]
     return exit_code_of(main)
 
 
@@ -107,7 +113,7 @@ def start_part(
 ) -> processes.ManagedProcess:
     """Start a part; in place of `ManagedProcess`."""
     is_part = tuple(words[:2]) == processes.GAITD and words[2] in FORKED
-    made = ForkedPart if is_part else EXECUTED
+    made = ForkedPart if is_part or words[0] == ALTERED_CORE else EXECUTED
     return made(name, words, *more, **others)
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import command_line
 
+from gaitd_lab import processes
 from gaitd_lab.processes import GAITD
 from gaitd_lab.testing import service
 
@@ -33,9 +34,12 @@ class Service(service.Service):
         """As a person does: by the command line, without a process of its own."""
         return command_line.gaitd(*words, "--config", self.config)
 
-    def ran(self, part: str) -> subprocess.CompletedProcess[str]:
-        """Run a part as a process of its own to its end."""
-        return gaitd(part, "--config", str(self.config))
+    def ran(self, part: str) -> tuple[int, str]:
+        """Run another part as a process of its own to its end: exit code, and what it said."""
+        words = (*GAITD, part, "--config", str(self.config))
+        process = processes.ManagedProcess(part, words, self.folder / f"another_{part}.log")
+        process.wait(90)
+        return process.end(), process.output()
 
 
 def gaitd(*words: str, timeout: float = 90) -> subprocess.CompletedProcess[str]:

@@ -120,21 +120,10 @@ def is_helped_well(walk):
     does_not_chatter(walk)
 
 
-def test_of_two_legs_the_passive_one_is_carried_near_the_gait_and_the_able_one_is_left_alone():
+def test_of_two_legs_one_is_helped_in_its_weak_phase_alone_and_the_resisting_one_is_guided():
     gym = Gym(config=CONFIGS / "two_legs.toml")
 
-    able, passive = gym.walk_legs([of_ability(1.0), of_ability(0.0)], 5)
-
-    is_left_alone(able)
-    goes_on_unrefused(passive)
-    does_not_brake_what_leads(passive)
-    stays_near(passive)
-    assert stiffness(passive)[-1] > 0.55
-    assert helped(passive)[-1, 0] > 0.02
-
-
-def test_a_patient_with_one_weak_phase_is_helped_in_it_alone_and_stays_near_the_gait(warm_gym):
-    walk = warm_gym.walk(weak(of_ability(1.0), 0.55, 0.75), 7)
+    walk, resists = gym.walk_legs([weak(of_ability(1.0), 0.55, 0.75), resisting], 7)
 
     is_helped_well(walk)
     stays_near(walk)
@@ -143,6 +132,11 @@ def test_a_patient_with_one_weak_phase_is_helped_in_it_alone_and_stays_near_the_
     assist = np.abs(walk.assist(5)).max(axis=1, initial=0.0)
     assert assist[(phases > 0.5) & (phases < 0.8)].max() > 5.0
     assert assist[(phases < 0.45) | (phases > 0.9)].max() < 0.5
+    goes_on_unrefused(resists)
+    does_not_brake_what_leads(resists)
+    assert stiffness(resists)[2] > 0.85
+    assert min(stiffness(resists)[2:]) > 0.8
+    is_not_pushed_hard(resists)
 
 
 @pytest.mark.thorough
@@ -195,7 +189,12 @@ def test_help_for_a_passive_patient_ends_with_recovery_or_its_controller(warm_gy
     answers = Answers(leg_controller())
     settled = warm_gym.walk(of_ability(0.0), 4, answers)
 
+    goes_on_unrefused(settled)
+    does_not_brake_what_leads(settled)
+    stays_near(settled)
     is_not_pushed_hard(settled)
+    assert stiffness(settled)[-1] > 0.55
+    assert helped(settled)[-1, 0] > 0.02
     elsewhere(warm_gym, lambda gym: is_halved_by_a_recovery(gym, answers))
     for how in ("killed", "frozen", "late"):
         elsewhere(settled, lambda walk, how=how: leaves_a_leg_held(walk, how))
@@ -207,16 +206,6 @@ def test_help_against_half_of_the_need_is_halved_within_four_strides_of_a_recove
     is_not_pushed_hard(warm_gym.walk(PATIENTS["resisting by half the need"](), 4, answers))
 
     is_halved_by_a_recovery(warm_gym, answers)
-
-
-def test_a_resisting_patient_is_guided_and_not_pushed_hard(warm_gym):
-    walk = warm_gym.walk(resisting, 4)
-
-    goes_on_unrefused(walk)
-    does_not_brake_what_leads(walk)
-    assert stiffness(walk)[2] > 0.85
-    assert min(stiffness(walk)[2:]) > 0.8
-    is_not_pushed_hard(walk)
 
 
 @pytest.mark.thorough

@@ -9,7 +9,7 @@ from gaitd_session import Band
 from daemon.gateway import strides, translate
 from gaitd_lab.patients import of_ability
 
-STRIDES = 4
+STRIDES = 2
 BAND = Band(0.4, 0.7)
 
 

@@ -3,11 +3,9 @@
 import contextlib
 import os
 import re
-import signal
 import socket
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -20,12 +18,9 @@ EXAMPLE = re.compile(r"<!-- example: (\w+\.py) -->\n```python\n(.*?)```\n<!-- en
 EXAMPLES = dict(EXAMPLE.findall(GUIDE.read_text()))
 ENVIRONMENT = {name: value for name, value in os.environ.items() if name != "PYTEST_ADDOPTS"}
 """Without the options that our pytest was given."""
-TIMEOUT_S = 100
 HOME = str(Path.home())
 SHORT = ("-p", "gaitd_lab.testing.plugin", "-p", "no:cacheprovider", "-ra")
 """The plugin by name: this tree's, also where an older one is installed."""
-ENVIRONMENT = {name: value for name, value in os.environ.items() if name != "PYTEST_ADDOPTS"}
-"""Without the options that our own pytest was given."""
 
 
 def has_socketcan():
@@ -90,10 +85,20 @@ def test_left_out():
 """
 
 
+USER_OF_NOTHING = """
+import sys
+
+def test_that_wants_nothing_of_ours_gets_nothing():
+    ours = {"daemon", "sim_drives", "gaitd_lab.testing.trainer", "numpy", "zenoh", "can"}
+    assert not ours & set(sys.modules)
+"""
+
+
 @pytest.fixture(scope="module")
 def failed(tmp_path_factory):
     """A run of tests that fail in every way: its folder, its output."""
     folder = tmp_path_factory.mktemp("failed")
+    (folder / "test_a_nothing.py").write_text(USER_OF_NOTHING)
     (folder / "test_failing.py").write_text(FAILING)
     ran = subprocess.run(
         [sys.executable, "-m", "pytest", *SHORT, "--gaitd-rigs=none"],
@@ -132,79 +137,25 @@ def test_a_key_that_is_not_there_is_named(failed):
 
 
 @pytest.mark.timeout(600)
+def test_a_test_without_our_fixtures_imports_nothing_of_ours(failed):
+    assert "test_a_nothing.py ." in failed[1]
+
+
+@pytest.mark.timeout(600)
 def test_a_rig_that_is_left_out_is_said_in_one_line(failed):
     assert "not used: rig_vcan: left out by --gaitd-rigs=none" in failed[1]
 
 
-def test_where_there_is_no_vcan_the_reason_and_the_way_out_are_one_line(outsider):
+def test_where_there_is_no_vcan_the_reason_and_the_way_out_are_one_line(pytester):
     if has_socketcan() and os.geteuid() == 0:
         pytest.skip("there is one here")
-    ran = outsider("--gaitd-rigs=required", test_own_node="def test_bus(vcan):\n    pass\n")
+    pytester.makepyfile(test_own_node="def test_bus(vcan):\n    pass\n")
+    ran = pytester.runpytest_inprocess(*SHORT, "--gaitd-rigs=required")
 
     ran.assert_outcomes(errors=1)
     ran.stdout.fnmatch_lines(
         ["*required, but vcan: *`gaitd rig vcan -- pytest test_own_node.py` has one*"]
     )
-
-
-USER_OF_NOTHING = """
-import sys
-
-def test_that_wants_nothing_of_ours_gets_nothing():
-    ours = {"daemon", "sim_drives", "gaitd_lab.testing.trainer", "numpy", "zenoh", "can"}
-    assert not ours & set(sys.modules)
-"""
-WAITING = """
-import time
-
-def test_waiting(virtual_trainer):
-    with open("begun", "w") as file:
-        print(*[process.pid for process in virtual_trainer.parts.values()], file=file, flush=True)
-    time.sleep(600)
-"""
-
-
-@pytest.fixture(scope="module")
-def killed(tmp_path_factory):
-    """A run that is killed in its second test: its output, and the processes of that test."""
-    folder = tmp_path_factory.mktemp("killed")
-    (folder / "test_a_nothing.py").write_text(USER_OF_NOTHING)
-    (folder / "test_b_waiting.py").write_text(WAITING)
-    begun, output = folder / "begun", folder / "output"
-    with output.open("wb") as said:
-        running = subprocess.Popen(
-            [sys.executable, "-m", "pytest", *SHORT],
-            cwd=folder,
-            env=ENVIRONMENT,
-            stdout=said,
-            stderr=said,
-        )
-    try:
-        until(lambda: begun.exists() and begun.read_text().endswith("\n"), output)
-    finally:
-        running.send_signal(signal.SIGKILL)
-        running.wait()
-    return output, begun.read_text().split()
-
-
-@pytest.mark.timeout(300)
-def test_nothing_runs_on_when_pytest_itself_is_killed(killed):
-    output, pids = killed
-
-    assert len(pids) == 3
-    until(lambda: not any(alive(pid) for pid in pids), output)
-
-
-@pytest.mark.timeout(300)
-def test_a_test_without_our_fixtures_imports_nothing_of_ours(killed):
-    assert "test_a_nothing.py ." in killed[0].read_text()
-
-
-def until(reached, output):
-    end_s = time.monotonic() + TIMEOUT_S
-    while not reached():
-        assert time.monotonic() < end_s, output.read_text()
-        time.sleep(0.05)
 
 
 @pytest.mark.rig_vcan
