@@ -37,7 +37,7 @@ def command(
     from daemon.recorder.state_file_sync import StateFileSync
     from daemon.system.bus_choice import simulation
     from daemon.system.clock import MonotonicClock
-    from daemon.system.journal import SOCKET, Journal, is_journal
+    from daemon.system.journal import SOCKET, Journal, is_journal, to_stderr
     from daemon.system.lock import hold
     from daemon.system.sd_notify import Notifier
     from daemon.zenoh_io import endpoints
@@ -87,7 +87,7 @@ def command(
                     text, blame = f"gaitd gateway: {what}", f"{config}: zenoh.listen"
                     raise CommandError(text, ExitCode.USAGE, blame=blame) from error
                 # It ran before: an end now would take the clients' STOP away for good.
-                print(f"gaitd gateway: {what}; it tries again", file=sys.stderr)
+                to_stderr(f"gaitd gateway: {what}; it tries again")
                 with closing(Notifier(os.environ.get("NOTIFY_SOCKET"))) as supervisor:
                     supervisor.send("WATCHDOG=1", "STATUS=cannot listen; tries again")
                 time.sleep(RETRY_S)

@@ -20,7 +20,7 @@ shaft crosses its gap and swings behind it is in no model here, so the rows of a
 part: the encoder's way from one side to the other is left.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Final, NamedTuple
@@ -242,12 +242,7 @@ def _of_axis(
     if axis in near or _surprise_after_reversals(made, motion, robot, axis) <= LOOSE_RATIO:
         return without
     starts = (without.way._replace(backlash_si=x * WINDUP_MIN[axis]) for x in START_RATIOS)
-    ends = [loose.end(start) for start in starts]
-    best = min(ends, key=lambda end: end.loss_per_sample)
-    (way, half), least = best.found, best.loss_per_sample + EQUAL_PER_SAMPLE
-    as_good = (end.found.way.backlash_si for end in ends if end.loss_per_sample <= least)
-    spread = max(abs(other - way.backlash_si) for other in as_good)
-    half = half._replace(backlash_si=max(half.backlash_si, spread))
+    (way, half) = best_of([loose.end(start) for start in starts])
     return Found(way, half) if way.backlash_si > half.backlash_si else without
 
 
@@ -263,11 +258,20 @@ def _surprise_after_reversals(made: Fit, motion: Motion, robot: Robot, axis: int
     return float(np.mean(size[crossing]) / np.mean(size[~crossing]))
 
 
-class _End(NamedTuple):
+class End(NamedTuple):
     """Where a search ends."""
 
     found: Found
     loss_per_sample: Number
+
+
+def best_of(ends: Sequence[End]) -> Found:
+    """The best end; its interval holds the backlash of each that explains the recording as well."""
+    best = min(ends, key=lambda end: end.loss_per_sample)
+    (way, half), least = best.found, best.loss_per_sample + EQUAL_PER_SAMPLE
+    as_good = (end.found.way.backlash_si for end in ends if end.loss_per_sample <= least)
+    spread = max(abs(other - way.backlash_si) for other in as_good)
+    return Found(way, half._replace(backlash_si=max(half.backlash_si, spread)))
 
 
 class _Search:
@@ -291,14 +295,14 @@ class _Search:
         self._names, self._progress, self._ways = names, progress, ways
         self._loose = [axis] if "backlash_si" in names else []
 
-    def end(self, way: GivesWay) -> _End:
+    def end(self, way: GivesWay) -> End:
         """The best of the steps from `way` on, each with a fit of the law.
 
         Its loss is infinite where no motion can be computed.
         """
         least = _least(self._axis, float(self._made.natural[self._axis * LAW_SIZE]))
         free = self._made.frame.free(self._made.natural)
-        best = _End(Found(GivesWay(), GivesWay()), np.inf)
+        best = End(Found(GivesWay(), GivesWay()), np.inf)
         for _ in range(ROUNDS):
             likelihood = self._likelihood(way)
             try:
@@ -308,7 +312,7 @@ class _Search:
                 break
             loss_per_sample = likelihood.surprises(free).loss / len(likelihood.row)
             if loss_per_sample < best.loss_per_sample:
-                best = _End(_told(way, std, least), loss_per_sample)
+                best = End(_told(way, std, least), loss_per_sample)
             better = way._replace(
                 **{
                     name: max(getattr(way, name) + step, 0.0)

@@ -10,6 +10,7 @@ an entry that finds no room is dropped and counted, and the next one carries the
 Fields of ours (docs/running.md): GAITD_EVENT, GAITD_MODE, GAITD_CAUSE, GAITD_DRIVE, GAITD_CYCLE.
 """
 
+import contextlib
 import os
 import socket
 from collections.abc import Mapping
@@ -17,6 +18,7 @@ from pathlib import Path
 from typing import Final
 
 SOCKET: Final = Path("/run/systemd/journal/socket")
+STDERR: Final = 2
 LENGTH_MAX: Final = 64 * 1024
 """Maximum size of one value in bytes, which fits a datagram of the journal; the rest is cut off."""
 
@@ -29,6 +31,15 @@ def is_journal(journal_stream: str | None, file_descriptor: int) -> bool:
         return (status.st_dev, status.st_ino) == (int(device), int(inode))
     except (OSError, ValueError):
         return False
+
+
+def to_stderr(text: str) -> None:
+    """Write a line to standard error; one that is full or closed does not affect the program.
+
+    Python's own buffer would keep what cannot be written, and end the program with 120.
+    """
+    with contextlib.suppress(OSError):
+        os.write(STDERR, f"{text}\n".encode())
 
 
 def encoded(fields: Mapping[str, str]) -> bytes:

@@ -410,7 +410,8 @@ def shafts_of(joints, robot, way):
 )
 def test_a_transmission_that_gives_way_is_found_by_its_windup(way, monkeypatch):
     """The joints move as rigid axes do, and the shaft of the slide is ahead of its joint."""
-    monkeypatch.setattr(transmission, "START_RATIOS", transmission.START_RATIOS[1:])
+    if way.backlash_si:
+        monkeypatch.setattr(transmission, "START_RATIOS", transmission.START_RATIOS[1:])
     robot = robot_file()
     joints = prepare([empty_run(shipped_friction(), duration_s=DURATION_S).recording])
     shafts = shafts_of(joints, robot, way)
@@ -427,6 +428,20 @@ def test_a_transmission_that_gives_way_is_found_by_its_windup(way, monkeypatch):
     assert found_way[0] == pytest.approx(way.compliance_si, rel=0.15 if way.backlash_si else 0.1)
     assert found_way[1] == pytest.approx(way.backlash_si, rel=0.35)
     assert abs(found_way[1] - way.backlash_si) <= half[1]
+
+
+@pytest.mark.parametrize(("beside", "half"), [(0.9, 0.5e-3), (1.1, 0.1e-3)])
+def test_an_interval_holds_the_other_optimum_that_explains_a_recording_as_well(beside, half):
+    def end(backlash_si, loss_per_sample):
+        found = Found(GivesWay(1e-5, backlash_si), GivesWay(1e-6, 0.1e-3))
+        return transmission.End(found, loss_per_sample)
+
+    ends = [end(1.5e-3, 2.0 + beside * transmission.EQUAL_PER_SAMPLE), end(1e-3, 2.0)]
+
+    found = transmission.best_of(ends)
+
+    assert found.way == GivesWay(1e-5, 1e-3)
+    assert found.half == pytest.approx((1e-6, half))
 
 
 @pytest.mark.thorough

@@ -46,17 +46,17 @@ def clonus_events(session: LockstepSession) -> list[Event]:
 
 
 @pytest.mark.parametrize(
-    ("model", "at_s"),
+    ("model", "cadence_hz", "at_s"),
     [
-        (Late(of_ability(1.0)), 6.0),
+        (Late(of_ability(1.0)), 0.35, 6.0),
         *(
-            pytest.param(of_ability(0.5), at_s, marks=pytest.mark.thorough)
+            pytest.param(of_ability(0.5), 0.25, at_s, marks=pytest.mark.thorough)
             for at_s in np.arange(9.0, 13.0, 0.25)
         ),
     ],
 )
 def test_a_spasm_of_a_patient_who_works_stops_at_every_phase_within_window_and_patience(
-    model, at_s
+    model, cadence_hz, at_s
 ):
     """One who brakes the leg before its turns walks on until then."""
     spasm = Spasm(at_s)
@@ -64,7 +64,7 @@ def test_a_spasm_of_a_patient_who_works_stops_at_every_phase_within_window_and_p
     def with_spasm(gait: Gait) -> np.ndarray:
         return model(gait) + spasm(gait)
 
-    session = session_of(with_spasm).walk(cadence_hz=0.35, duration_s=at_s - 0.1)
+    session = session_of(with_spasm).walk(cadence_hz=cadence_hz, duration_s=at_s - 0.1)
     walking = session.record.mode == Mode.GAIT
     rules = load(CONFIG).limits.spasm
 

@@ -1,11 +1,13 @@
-"""Whole sessions through CAN frames: modes and requests."""
+"""Whole sessions through CAN frames: modes, requests, and the same bits every time."""
 
+import hashlib
 from itertools import groupby
 
+import msgspec
 import pytest
 from gaitd_names import Cause, EventCode, Mode, Outcome, RefusalCode, RequestKind, Stage, Trigger
 from records import both
-from sessions import reported
+from sessions import new_session, reported
 
 from daemon.ipc.record import ModeRequest
 from daemon.ipc.report import Refusal
@@ -71,3 +73,19 @@ def test_the_artificial_disturbance_is_refused_with_a_patient(warm_hold):
 
     assert answer.outcome == Outcome.REFUSED
     assert answer.refusal == Refusal(RefusalCode.PATIENT_CONFIGURED)
+
+
+def digest(session):
+    encoder = msgspec.msgpack.Encoder()
+    total = hashlib.sha256()
+    for record in session.records:
+        total.update(encoder.encode(record))
+    for frame in session.bus.sent:
+        total.update(frame.can_id.to_bytes(4, "little") + frame.data)
+    return total.hexdigest()
+
+
+def test_the_same_session_gives_the_same_records_and_frames_bit_for_bit():
+    first, second = (new_session().walk() for _ in range(2))
+
+    assert digest(first) == digest(second)

@@ -8,6 +8,7 @@ import os
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from fault_observations import Watch
@@ -20,6 +21,7 @@ from small_disk import fill
 from gaitd_lab.processes import GAITD
 
 CONFIGURATION_ERROR = 2
+FULL = Path("/dev/full")
 NOBODY = 65534
 AS_A_USER = ("setpriv", "--bounding-set=-dac_override,-dac_read_search", "--inh-caps=-all")
 """Without the right of root to write what belongs to others."""
@@ -134,21 +136,21 @@ def test_a_place_where_no_directory_can_be_made_is_refused_by_its_key(folder, fa
 
 
 def test_a_log_on_a_full_disk_keeps_no_core_from_running_and_from_ending_with_0(
-    folder, small, fault_table
+    folder, fault_table
 ):
     service = Service(folder)
-    disk = small("log", "1m")
-    log = disk / "core.log"
-    log.touch()
-    (folder / "core.log").symlink_to(log)
-    fill(disk)
-    core = service.start("core")
-    try:
-        service.until(lambda record: record.seq > 1, TIMEOUT_S)
-    finally:
-        code = core.end()
+    command = [sys.executable, *GAITD, "core", "--config", str(service.config)]
+    buffered = {name: one for name, one in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    with (
+        Path("/dev/full").open("w") as full,
+        subprocess.Popen(command, stderr=full, env=buffered) as core,
+    ):
+        try:
+            service.until(lambda record: record.seq > 1, TIMEOUT_S)
+        finally:
+            core.terminate()
 
-    assert (code, log.stat().st_size) == (0, 0)
+    assert core.returncode == 0
     fault_table.add(
         "log of the core on a full disk",
         "start and end",

@@ -145,6 +145,6 @@ def test_a_command_does_what_it_is_for(long_service, text, monkeypatch):
     with contextlib.nullcontext() if how.takes_time else service.held():
         ended = gaitd(*text.split()[1:], folder=service.config.parent)
 
-    assert ended.code in how.codes, ended.out + ended.err
     if service.mode in {Mode.HAND_GUIDING, Mode.EXCITE}:  # these have no end of their own
         service.request("disable")
+    assert ended.code in how.codes, ended.out + ended.err

@@ -1,6 +1,5 @@
 """The end of a fork that runs a program: its exit code, as an interpreter would give it."""
 
-import contextlib
 import sys
 import traceback
 from collections.abc import Callable
@@ -17,6 +16,5 @@ def exit_code_of(program: Callable[[], object]) -> int:
         return 1
     finally:
         sys.stdout.flush()
-        with contextlib.suppress(OSError):  # as an interpreter at its end
-            sys.stderr.flush()
+        sys.stderr.flush()
     return 0

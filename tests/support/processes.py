@@ -38,8 +38,11 @@ class Service(service.Service):
         """Run another part as a process of its own to its end: exit code, and what it said."""
         words = (*GAITD, part, "--config", str(self.config))
         process = processes.ManagedProcess(part, words, self.folder / f"another_{part}.log")
-        process.wait(90)
-        return process.end(), process.output()
+        try:
+            process.wait(90)
+        finally:
+            code = process.end()
+        return code, process.output()
 
 
 def gaitd(*words: str, timeout: float = 90) -> subprocess.CompletedProcess[str]:

@@ -6,7 +6,6 @@ imports, no compilation and no lasting allocations.
 
 import contextlib
 import signal
-import sys
 import traceback
 import uuid
 from collections.abc import Callable
@@ -31,7 +30,7 @@ from daemon.core.runtime.warm_up import warm_up
 from daemon.ipc.report import Event
 from daemon.ipc.transport import CoreChannel, RingHeader
 from daemon.system.bus_choice import bus_of, choose_bus
-from daemon.system.journal import Journal
+from daemon.system.journal import Journal, to_stderr
 from daemon.system.lock import directory_errors
 from daemon.system.sd_notify import Notifier
 from drives.bringup.bus_load import BusLoad, bus_load
@@ -157,8 +156,7 @@ def _log(log: Journal, text: str, priority: int) -> None:
     if log.is_open:
         log.write(text, priority, {"GAITD_EVENT": "core"})
         return
-    with contextlib.suppress(OSError):
-        print(f"gaitd core: {text}", file=sys.stderr)
+    to_stderr(f"gaitd core: {text}")
 
 
 def _tell_compiled(log: Journal, done: int, known: int) -> None:

@@ -120,10 +120,21 @@ def is_helped_well(walk):
     does_not_chatter(walk)
 
 
-def test_of_two_legs_one_is_helped_in_its_weak_phase_alone_and_the_resisting_one_is_guided():
+def test_of_two_legs_the_able_one_is_left_alone_and_the_resisting_one_is_guided():
     gym = Gym(config=CONFIGS / "two_legs.toml")
 
-    walk, resists = gym.walk_legs([weak(of_ability(1.0), 0.55, 0.75), resisting], 7)
+    able, resists = gym.walk_legs([of_ability(1.0), resisting], 5)
+
+    is_left_alone(able)
+    goes_on_unrefused(resists)
+    does_not_brake_what_leads(resists)
+    assert stiffness(resists)[2] > 0.85
+    assert min(stiffness(resists)[2:]) > 0.8
+    is_not_pushed_hard(resists)
+
+
+def test_a_patient_with_one_weak_phase_is_helped_in_it_alone_and_stays_near_the_gait(warm_gym):
+    walk = warm_gym.walk(weak(of_ability(1.0), 0.55, 0.75), 7)
 
     is_helped_well(walk)
     stays_near(walk)
@@ -132,11 +143,6 @@ def test_of_two_legs_one_is_helped_in_its_weak_phase_alone_and_the_resisting_one
     assist = np.abs(walk.assist(5)).max(axis=1, initial=0.0)
     assert assist[(phases > 0.5) & (phases < 0.8)].max() > 5.0
     assert assist[(phases < 0.45) | (phases > 0.9)].max() < 0.5
-    goes_on_unrefused(resists)
-    does_not_brake_what_leads(resists)
-    assert stiffness(resists)[2] > 0.85
-    assert min(stiffness(resists)[2:]) > 0.8
-    is_not_pushed_hard(resists)
 
 
 @pytest.mark.thorough

@@ -42,6 +42,7 @@ class Patient:
         self.actions = {
             Advice.PRESS_START: lambda: session.press(Button.START),
             Advice.PRESS_START_TO_RESET: lambda: session.press(Button.START),
+            Advice.TRY_AGAIN_OR_CALL_THERAPIST: lambda: session.press(Button.START),
             Advice.PRESS_EMERGENCY_STOP_AND_RELEASE_IT: lambda: self.act("sto_open * 0.3"),
             Advice.LET_GO_AND_HOLD_HAND_SWITCH: lambda: self.act("hand_switch_open * 0.3"),
             Advice.CALL_FOR_HELP: self.helped,

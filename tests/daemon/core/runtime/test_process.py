@@ -3,6 +3,7 @@
 import signal
 from contextlib import nullcontext
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -208,7 +209,7 @@ def test_virtual_drives_are_opened_first_and_priority_is_asked_for_unless_time_i
     assert (REFUSED in world.built.core.events) is is_prepared
 
 
-def test_a_first_start_says_that_it_compiles_and_how_far_it_is(world, capsys, monkeypatch):
+def test_a_first_start_says_that_it_compiles_and_how_far_it_is(world, capfd, monkeypatch):
     world.cached = False
 
     def warm_up(_built):
@@ -227,7 +228,7 @@ def test_a_first_start_says_that_it_compiles_and_how_far_it_is(world, capsys, mo
         ("compiled 20 of about 30 functions", INFORMATIONAL),
         ("compiled 40 of about 40 functions", INFORMATIONAL),
     ]
-    assert capsys.readouterr().err == ""
+    assert capfd.readouterr().err == ""
 
 
 def test_a_bug_and_a_refusal_are_logged_after_the_end(world):
@@ -244,16 +245,15 @@ def test_a_bug_and_a_refusal_are_logged_after_the_end(world):
 
 @pytest.mark.parametrize("closed", [False, True])
 def test_without_a_journal_lines_go_to_the_log_and_one_that_is_closed_costs_nothing(
-    world, capsys, monkeypatch, closed
+    world, capfd, monkeypatch, closed
 ):
     world.is_open = False
-    if closed:
-        full = SimpleNamespace(write=lambda _: (_ for _ in ()).throw(OSError(28, "full")))
-        monkeypatch.setattr(process, "sys", SimpleNamespace(stderr=full))
+    with Path("/dev/full").open("w") as full:
+        if closed:
+            monkeypatch.setattr("daemon.system.journal.STDERR", full.fileno())
+        assert world.run() is ExitCode.DONE
 
-    assert world.run() is ExitCode.DONE
-
-    told = capsys.readouterr().err
+    told = capfd.readouterr().err
     assert told == (
         ""
         if closed
