@@ -14,7 +14,7 @@ from gaitd_names import Mode
 from processes import Service
 from sessions import changed_configs
 
-from analysis.acceptance.record import read
+from analysis.acceptance.record import Judgement, read
 from daemon.ipc.state_file import NAME
 from gaitd_lab.processes import GAITD, memory_folder
 
@@ -133,12 +133,15 @@ def test_acceptance_reads_the_drives_of_a_running_service_and_moves_nothing_if_o
     asked = service.ask("commission", "--report", str(tmp_path), "--yes", "--json")
 
     assert asked.code == 1, asked.err
-    drives = json.loads(asked.out)
-    assert [(drive["drive"], drive["failed"]) for drive in drives] == [
-        ("right/hip", 0),
-        ("right/slide", 1),
+    records = [read(tmp_path / f"right_{axis}.json") for axis in ("hip", "slide")]
+    failed = [
+        (one.drive, one.values["place"], one.values["found"])
+        for record in records
+        for one in record.findings
+        if one.judgement is Judgement.FAILED
     ]
-    record = read(tmp_path / "right_slide.json")
+    assert failed == [("right/slide", "605Eh:00", "0")]
+    record = records[1]
     assert record.core_boot_id == service.boot_id()
     assert not record.stops
     assert service.newest().mode == Mode.READY

@@ -212,6 +212,8 @@ class _Tracer:
             elif os.WSTOPSIG(status) == signal.SIGTRAP | 0x80:
                 try:
                     self._stopped(pid, calls)
+                except ProcessLookupError:  # killed meanwhile, as the others at the process's end
+                    calls.pop(pid, None)
                 except BaseException:
                     os.killpg(first, signal.SIGKILL)
                     raise
