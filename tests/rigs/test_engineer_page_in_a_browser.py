@@ -368,10 +368,9 @@ def test_the_truth_of_virtual_drives_is_a_curve_of_its_own_and_absent_without_a_
 
         trainer.cycles = with_truth
         tab.until("document.querySelector('.plot .now').textContent.includes('true 9.5')")
-        tab.page.wait_for_timeout(1000)
-        assert tab.page.locator("#keytrue").is_visible()
+        tab.until(f"({PAINTED})(document.querySelector('.plot canvas'), '--true') > 50")
+        tab.until("document.querySelector('#keytrue').checkVisibility()")
         assert tab.page.locator("#sim").is_visible()
-        assert canvas.evaluate(PAINTED, "--true") > 50
         tab.shot("engineer_truth")
         trainer.cycles = play
         tab.until("document.querySelector('#keytrue').hidden")
