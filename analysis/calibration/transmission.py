@@ -242,8 +242,8 @@ def _of_axis(
     if axis in near or _surprise_after_reversals(made, motion, robot, axis) <= LOOSE_RATIO:
         return without
     starts = (without.way._replace(backlash_si=x * WINDUP_MIN[axis]) for x in START_RATIOS)
-    (way, half) = best_of([loose.end(start) for start in starts])
-    return Found(way, half) if way.backlash_si > half.backlash_si else without
+    best = best_of([loose.end(start) for start in starts])
+    return best if best.way.backlash_si > best.half.backlash_si else without
 
 
 def _surprise_after_reversals(made: Fit, motion: Motion, robot: Robot, axis: int) -> float:

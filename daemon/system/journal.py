@@ -39,7 +39,7 @@ def to_stderr(text: str) -> None:
     Python's own buffer would keep what cannot be written, and end the program with 120.
     """
     with contextlib.suppress(OSError):
-        os.write(STDERR, f"{text}\n".encode())
+        os.write(STDERR, f"{text}\n".encode(errors="backslashreplace"))
 
 
 def encoded(fields: Mapping[str, str]) -> bytes:

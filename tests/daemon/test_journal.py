@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from journald import Journald, parsed
 
-from daemon.system.journal import LENGTH_MAX, Journal, encoded, is_journal
+from daemon.system.journal import LENGTH_MAX, Journal, encoded, is_journal, to_stderr
 
 NAMES = st.from_regex(r"[A-Z][A-Z0-9_]{0,30}", fullmatch=True)
 VALUES = st.text(st.characters(exclude_categories=["Cs"]), max_size=200)
@@ -108,3 +108,9 @@ def test_no_stderr_at_all_is_no_journal():
     os.close(writer)
 
     assert not is_journal("1:2", writer)
+
+
+def test_a_file_name_that_is_no_text_is_written_to_standard_error_all_the_same(capfd):
+    to_stderr("no such file: \udcff.toml")
+
+    assert capfd.readouterr().err == "no such file: \\udcff.toml\n"

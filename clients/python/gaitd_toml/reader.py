@@ -124,7 +124,7 @@ def decoded(document: Document, kind: type[T]) -> T:
 
 
 def errors_in(document: Document, kind: type) -> list[ConfigError]:
-    """All mistakes of a document in place of a struct, which refuses unknown keys itself."""
+    """All mistakes of a document in place of a struct that forbids unknown keys, in its order."""
     if _converts(document.table, kind) and _is_holdable(document.table):
         return []  # as nearly always; the search for mistakes takes a hundred times as long
     return [ConfigError(document.path, *fault) for fault in _faults(document.table, kind, "")]
