@@ -24,6 +24,8 @@ from gaitd_names import Cause, Mode
 from long_service import TIMEOUT_S
 from processes import Service
 
+from gaitd_lab.testing.trainer import REST_CYCLES, STANDSTILL, speeds_by_leg
+
 CONFIGURATION_ERROR = 2
 SAMPLES = 100
 COMING_AND_GOING = 5
@@ -268,12 +270,26 @@ def test_a_gateway_without_descriptors_refuses_clients_and_serves_again_when_the
     told(fault_table, "gateway out of file descriptors", "refused, served later", "new clients")
 
 
+def await_rest(service):
+    """Without power the leg sinks into its springs, and is at rest at each reversal, too."""
+    rest_cycles = 0
+
+    def rests(record):
+        nonlocal rest_cycles
+        speeds = speeds_by_leg(record)
+        is_slow = all(hip < STANDSTILL[0] and slide < STANDSTILL[1] for hip, slide in speeds)
+        rest_cycles = rest_cycles + 1 if is_slow else 0
+        return rest_cycles >= REST_CYCLES
+
+    service.until(rests, TIMEOUT_S)
+
+
 def test_a_client_killed_while_its_request_is_answered_leaves_the_request_and_the_gateway(
     long_service, fault_table
 ):
     service = long_service.bring(Mode.READY)
     pid = service.parts["gateway"].pid
-    service.wait(lambda: all(not drive.velocity for drive in service.newest().drives), 20)
+    await_rest(service)
     with plain_client(service, ASKS_AND_WAITS, "enable", "{}") as client:
         service.until(lambda record: record.mode == Mode.HOLD, TIMEOUT_S)
         client.kill()
