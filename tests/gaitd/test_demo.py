@@ -84,7 +84,7 @@ def read_until(stream, text):
 
 def known_truth(address: str) -> bool:
     """True if the page has a true effort of the patient at the SYNC of an estimate."""
-    with urlopen(f"{address}/past.json", timeout=10) as answer:
+    with urlopen(f"{address}/past.json", timeout=60) as answer:
         past = json.load(answer)
     at = past["columns"].index("hip_true_nm")
     return any(row[at] is not None for row in past["rows"]["right"])
@@ -101,7 +101,7 @@ def look_and_kill(address):
     end_s = time.monotonic() + 120
     while True:
         with suppress(URLError, ConnectionError):
-            with urlopen(address, timeout=10) as answer:
+            with urlopen(address, timeout=60) as answer:
                 title = answer.read().decode()
             break
         assert time.monotonic() < end_s

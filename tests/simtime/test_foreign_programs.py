@@ -48,7 +48,7 @@ class PlainNode:
 
     def close(self):
         self._end.shutdown(socket.SHUT_RDWR)
-        self._thread.join(10)
+        self._thread.join(60)
         self._end.close()
 
     def _live(self):

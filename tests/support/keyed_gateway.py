@@ -140,7 +140,7 @@ class Service:
 
     def end(self):
         self.end_soon()
-        self._thread.join(10)
+        self._thread.join(60)
 
 
 @contextlib.contextmanager

@@ -46,13 +46,13 @@ import http.client, json, resource, socket, ssl, sys
 most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
 resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
 port, count, is_tls, origin = int(sys.argv[1]), int(sys.argv[2]), sys.argv[3] == "1", sys.argv[4]
-idle = [socket.create_connection(("127.0.0.1", port), timeout=10) for _ in range(count)]
+idle = [socket.create_connection(("127.0.0.1", port), timeout=60) for _ in range(count)]
 if is_tls:
     stop = http.client.HTTPSConnection(
-        "127.0.0.1", port, timeout=10, context=ssl._create_unverified_context()
+        "127.0.0.1", port, timeout=60, context=ssl._create_unverified_context()
     )
 else:
-    stop = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+    stop = http.client.HTTPConnection("127.0.0.1", port, timeout=60)
 stop.request("POST", "/stop", "{}", {"Origin": origin, "Content-Type": "application/json"})
 print(json.loads(stop.getresponse().read())["outcome"])
 """
@@ -249,8 +249,8 @@ def test_one_that_says_nothing_is_closed_in_time(site, monkeypatch):
     for name, value in (("WAIT_S", 0.2), ("LOOK_S", 0.02)):
         monkeypatch.setattr(connections, name, value)
     with (
-        socket.create_connection(("127.0.0.1", site.port), timeout=20) as mute,
-        socket.create_connection(("127.0.0.1", site.port), timeout=20) as slow,
+        socket.create_connection(("127.0.0.1", site.port), timeout=60) as mute,
+        socket.create_connection(("127.0.0.1", site.port), timeout=60) as slow,
     ):
         slow.sendall(b"POST /stop HTTP/1.1\r\n")
         for one in (mute, slow):

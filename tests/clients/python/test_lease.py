@@ -321,7 +321,7 @@ def test_a_law_that_does_not_return_gets_no_lease_again_and_is_left_behind(monke
     assert service.is_left
     may_return.set()
     for call in calls:
-        call.join(10)
+        call.join(60)
         assert not call.is_alive()
     assert service.setpoints == []
 
@@ -355,7 +355,7 @@ def test_an_estimate_of_before_a_loss_does_not_clear_it_in_the_same_moment(servi
         service.tell_safety()
         monkeypatch.setattr(lease_module, "_is_newer", lose_meanwhile)
         service.estimates("hold", ["right"])
-        losing[0].join(10)
+        losing[0].join(60)
         service.tell_safety()
         assert lease.is_held
         assert "until the mode is left" in lease.why_not

@@ -423,14 +423,14 @@ def endpoint(runtime: Path) -> Iterator[str]:
         ),
     )
     thread.start()
-    deadline = time.monotonic() + 10
+    deadline = time.monotonic() + 60
     while not (runtime / "zenoh.sock").exists():
         assert thread.is_alive()
         assert time.monotonic() < deadline
         time.sleep(0.01)
     yield where
     ended.set()
-    thread.join(10)
+    thread.join(60)
     assert not thread.is_alive()
 
 
@@ -444,7 +444,7 @@ def session(endpoint: str) -> Iterator[zenoh.Session]:
 def eventually() -> Callable[..., None]:
     """Wait until something is so, or fail."""
 
-    def wait(is_so: Callable[[], object], within_s: float = 30.0) -> None:
+    def wait(is_so: Callable[[], object], within_s: float = 60.0) -> None:
         deadline = time.monotonic() + within_s
         while not is_so():
             assert time.monotonic() < deadline, "did not come true in time"

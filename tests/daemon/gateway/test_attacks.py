@@ -98,7 +98,7 @@ class Recorder:
 
     def close(self):
         self._server.close()
-        self._thread.join(30)
+        self._thread.join(60)
 
     def replay(self):
         """Send it all again on a new link, as the client did; read until the gateway closes it."""
@@ -286,7 +286,7 @@ def test_300_connections_that_say_nothing_keep_no_new_client_out(service):
     port = int(target.endpoints[0].rpartition(":")[2])
     with contextlib.ExitStack() as mute:
         for _ in range(MUTE_COUNT):
-            mute.enter_context(socket.create_connection(("127.0.0.1", port), timeout=20))
+            mute.enter_context(socket.create_connection(("127.0.0.1", port), timeout=60))
         with Trainer(target.endpoints, target.credentials) as operator:
             assert operator.stop().outcome == "done"
 

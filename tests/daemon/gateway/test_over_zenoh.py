@@ -10,7 +10,7 @@ from gaitd_names import Outcome
 def query(session: zenoh.Session, name: str, payload: object = None) -> tuple[dict, bool]:
     """The JSON of the only reply, and whether it came as an error."""
     data = payload if isinstance(payload, bytes) or payload is None else json.dumps(payload)
-    replies = list(session.get(f"gaitd/trainer/control/{name}", payload=data, timeout=10.0))
+    replies = list(session.get(f"gaitd/trainer/control/{name}", payload=data, timeout=60.0))
     assert len(replies) == 1
     if replies[0].ok:
         return json.loads(replies[0].ok.payload.to_string()), False
@@ -30,7 +30,7 @@ def test_a_stop_works_while_another_request_is_outstanding(session, start_core, 
     stopped, _ = query(session, "stop")
     before = list(enabled)
     core.end()
-    enabling.join(10)
+    enabling.join(60)
 
     assert refused["outcome"] == "refused"
     assert refused["refusal"]["code"] == "busy"
