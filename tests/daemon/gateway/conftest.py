@@ -402,7 +402,7 @@ def client(endpoint: str) -> zenoh.Session:
     config.insert_json5("mode", '"client"')
     config.insert_json5("connect/endpoints", f'["{endpoint}"]')
     # A socket has its name a moment before the gateway listens behind it.
-    config.insert_json5("connect/timeout_ms", "10000")
+    config.insert_json5("connect/timeout_ms", "60000")
     config.insert_json5("scouting/multicast/enabled", "false")
     config.insert_json5("timestamping/enabled", "true")
     return zenoh.open(config)
@@ -435,8 +435,10 @@ def endpoint(runtime: Path) -> Iterator[str]:
 
 
 @pytest.fixture
-def session(endpoint: str) -> Iterator[zenoh.Session]:
+def session(endpoint: str, eventually: Callable[..., None]) -> Iterator[zenoh.Session]:
+    """Of a client that the gateway answers: it listens before it has declared its queryables."""
     with contextlib.closing(client(endpoint)) as opened:
+        eventually(lambda: list(opened.get("gaitd/trainer/control/status")))
         yield opened
 
 
