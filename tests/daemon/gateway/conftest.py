@@ -436,7 +436,7 @@ def endpoint(runtime: Path) -> Iterator[str]:
 
 @pytest.fixture
 def session(endpoint: str, eventually: Callable[..., None]) -> Iterator[zenoh.Session]:
-    """Of a client that the gateway answers: it listens before it has declared its queryables."""
+    """A client that is answered: a gateway listens before it has declared its queryables."""
     with contextlib.closing(client(endpoint)) as opened:
         eventually(lambda: list(opened.get("gaitd/trainer/control/status")))
         yield opened
