@@ -59,7 +59,7 @@ CADENCES_HZ: Final = (0.25, 0.35)
 """The baseline is that of the first one."""
 SIGMAS: Final = 3.0
 UNITS: Final = ("N·m", "N")
-DRAWS: Final = 20
+DRAWS: Final = 200
 DRAWN_SEED: Final = 44
 
 Values = NDArray[np.float64]
@@ -233,7 +233,7 @@ def _rows(
     changes: Sequence[Callable[[Robot], File]],
     true: Callable[[Robot], Robot],
 ) -> list[tuple[Cell, ...]]:
-    """Rows of one kind of file. All trials with all its files are one sample."""
+    """Rows of one kind of file: the spread over its files and trials, and all of many files."""
     files = [[changed(trial.robot) for changed in changes] for trial in walks.passive]
     exact = [[File(true(trial.robot))] for trial in walks.passive]
     bare = [[_setup(one) for one in some] for some in files]
@@ -261,6 +261,9 @@ def _rows(
                 for one in zip(some, theirs, strict=True)
             ]
             rows.append((name, f"{cadence_hz:g} Hz", how, *_cells(found)))
+            if len(found) > len(trials):
+                all_name = f"all samples of {name}"
+                rows.append((all_name, f"{cadence_hz:g} Hz", how, *_cells([_as_one(found)])))
     return rows
 
 
@@ -336,6 +339,12 @@ def _errors(trial: Trial, file: File, setup: Setup) -> tuple[Values, Values]:
     rows = settled & trial.judged & (found.validity == Validity.OK).all(axis=1)
     error = found.state[rows][:, PATIENT] - trial.truth[rows][:, PATIENT]
     return error, found.std[rows][:, PATIENT]
+
+
+def _as_one(found: Sequence[tuple[Values, Values]]) -> tuple[Values, Values]:
+    """Join the errors of many files, and their sigmas."""
+    errors, stds = zip(*found, strict=True)
+    return np.concatenate(errors), np.concatenate(stds)
 
 
 def _cells(found: Sequence[tuple[Values, Values]]) -> list[Cell]:

@@ -58,7 +58,7 @@ def test_the_table_has_median_and_range_of_all_seeds(tmp_path, monkeypatch):
 
 
 @pytest.mark.thorough
-def test_a_baseline_takes_off_what_a_wrong_file_adds(monkeypatch):
+def test_a_baseline_takes_off_what_a_wrong_file_adds_and_sigma_holds_what_is_stated(monkeypatch):
     wrong = study.wrong_file
     monkeypatch.setattr(wrong, "CADENCES_HZ", (0.4,))
     monkeypatch.setattr(wrong, "MINUTE_S", 36.0)
@@ -66,6 +66,7 @@ def test_a_baseline_takes_off_what_a_wrong_file_adds(monkeypatch):
     names = "leg 15 % heavier", "torque offset 1 N·m"
     monkeypatch.setattr(wrong, "FILES", {name: wrong.FILES[name] for name in names})
     monkeypatch.setattr(wrong, "MACHINES", {})
+    monkeypatch.setattr(wrong, "DRAWS", 30)
 
     rows = wrong.table(CONFIGS / "demo.toml", [1], lambda _: lambda _: None).rows
 
@@ -73,6 +74,12 @@ def test_a_baseline_takes_off_what_a_wrong_file_adds(monkeypatch):
     for name in names:
         assert errors_nm[name, "with"] < errors_nm[name, "without"] / 2.0
         assert errors_nm[name, "with"] < 1.3 * errors_nm[name, "the true file"]
+    drawn = {how: cells for name, _, how, *cells in rows if name.startswith("all samples")}
+    for how in ("without", "with"):
+        for error, sigma, beyond in (drawn[how][:3], drawn[how][3:]):
+            assert sigma.value < 2.5 * error.value
+            # One machine of thirty may be off by three times what its file states.
+            assert beyond.value < (1.0 if how == "with" else 100.0 / 30)
 
 
 @pytest.mark.parametrize(("refused", "needless"), [("two optima", ""), ("", "the file is as good")])
