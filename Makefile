@@ -3,7 +3,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 # Tests of `make quick`: the rules of drives and core, without bus, process and session.
-UNITS := tests/drives tests/daemon/core --ignore=tests/daemon/core/steps/test_two_events.py
+UNITS := tests/drives tests/daemon/core \
+	--ignore=tests/daemon/core/steps/test_two_events.py --ignore=tests/drives/test_verification.py
 # Compiled tests and modules are kept in __pycache__: otherwise each process compiles them again.
 unexport PYTHONDONTWRITEBYTECODE
 # What the static checks say beside the tests; printed at the end if one of them failed.
