@@ -96,7 +96,8 @@ def _warm_up() -> None:
     if _IS_WARM:
         return
     _IS_WARM.append(True)
-    from sessions import new_session
+    from command_line import gaitd
+    from sessions import CONFIGS, new_session
 
     import daemon.core.runtime.process  # noqa: F401
     import gaitd_lab.commands.sim  # noqa: F401
@@ -104,6 +105,7 @@ def _warm_up() -> None:
     from daemon.core.runtime.build import build
     from daemon.core.runtime.warm_up import warm_up
 
+    gaitd("check", "--config", CONFIGS / "demo.toml")  # what each command line loads
     session = new_session().until_ready()
     warm_up(build(session.settings, "", PersistentState()))
 

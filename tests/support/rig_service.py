@@ -28,6 +28,7 @@ from typing import Any
 
 import msgspec
 from as_program import exit_code_of
+from command_line import gaitd
 from processes import Service
 
 from daemon.preflight.load import load
@@ -162,6 +163,7 @@ def warm() -> None:
     from gaitd_lab.virtual_machine import virtual_machine
 
     settings = accepted(CONFIGS / TEMPLATE)
+    gaitd("check", "--config", CONFIGS / TEMPLATE)  # what each command line loads
     warm_up(build(settings, "warm", PersistentState()))
     virtual_machine(settings.file).world.advance_to(20_000_000)
 
