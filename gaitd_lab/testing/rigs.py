@@ -14,7 +14,7 @@ import subprocess
 import sys
 import sysconfig
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Final, NamedTuple
@@ -27,17 +27,20 @@ PATH: Final = f"{PROGRAMS}:/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sb
 SOURCES: Final = Path(__file__).resolve().parents[2]
 """The folder of the project's packages: the project, or site-packages."""
 
-CACHED: Final = "/run/host"
-"""Where the host's files are in the virtual machine, with a cache of what was looked up and read.
+HOST: Final = "/run/host"
+"""Where the virtual machine has this machine's files, with a cache of what was looked up and read.
 
-virtme-ng mounts them without one, and then most of the time of an import is spent in `stat`.
+virtme-ng's 9p mounts have none: most of the time of an import was spent in `stat`. With it a file
+that is changed here while the machine runs may be read cut off there.
 """
 HOST_FILES: Final = (
     "-fsdev local,id=host,path=/,security_model=none,readonly=on,multidevs=remap"
     " -device virtio-9p-pci,fsdev=host,mount_tag=host"
 )
-MOUNT_CACHED: Final = (
-    f"mkdir {CACHED} && mount -t 9p -o ro,version=9p2000.L,msize=524288,cache=loose host {CACHED}"
+MOUNT_HOST: Final = (
+    f"mkdir {HOST}",
+    "mount -t 9p -o ro,version=9p2000.L,trans=virtio,access=any,msize=524288,cache=loose "
+    f"host {HOST}",
 )
 
 
@@ -89,8 +92,8 @@ def prepare(script: str, folder: Path) -> Path:
     inner, outer = folder / "script", folder / "outer"
     inner.write_text(f"set -eu\nexport PATH={PATH}\n{script}\n")
     outer.write_text(
-        f"#!/bin/bash\ncd {folder}\nbash {inner} > {folder}/log 2>&1 < /dev/null\n"
-        f"echo $? > {folder}/exit\n"
+        f"#!/bin/bash\ncd {shlex.quote(str(folder))}\nbash ./script > log 2>&1 < /dev/null\n"
+        "echo $? > exit\n"
     )
     outer.chmod(0o755)
     return outer
@@ -145,23 +148,31 @@ class SocketCan(Rig):
         if self.native():
             return ["unshare", "--net", "--map-root-user", str(script)]
         writable = (folder, *also)
-        read_from = _read_from(writable)
-        cached = [
-            place
-            for place in (Path("/usr"), *read_from)
-            if not any(one.is_relative_to(place) for one in writable)
-        ]
-        binds = [
-            shlex.join(("mount", "--bind", f"{CACHED}{place}", str(place))) for place in cached
-        ]
+        begin = folder / "begin"
+        begin.write_text("\n".join(("set -e", *_mounts(writable), shlex.quote(str(script)), "")))
         return [
             *(str(VNG), "-r", str(self.kernel()), "--disable-kvm", "--user", "root"),
             *("--cpus", "1", "--memory", "2G", "--verbose"),
-            *(f"--rodir={place}" for place in read_from),
-            *(f"--rwdir={place}" for place in writable),
+            *(f"--rwdir={shlex.quote(str(place))}" for place in writable),
             f"--qemu-opts=-icount shift=0,sleep=off {HOST_FILES}",
-            *("--exec", " && ".join((MOUNT_CACHED, *binds, shlex.quote(str(script))))),
+            # The words of --exec are in the kernel's command line, which is short.
+            *("--exec", f"sh {shlex.quote(str(begin))}"),
         ]
+
+
+def _mounts(writable: Sequence[Path]) -> Iterator[str]:
+    """Yield lines that put this machine's folders in place, with the writable ones over them."""
+    yield from MOUNT_HOST
+    kept = [(f"/run/written{number}", str(place)) for number, place in enumerate(writable)]
+    for aside, place in kept:
+        yield shlex.join(("mkdir", aside))
+        yield shlex.join(("mount", "--bind", place, aside))
+    for folder in (Path("/usr"), *_read_from(writable)):
+        if not any(folder.is_relative_to(one) for one in writable):
+            yield shlex.join(("mkdir", "-p", str(folder)))
+            yield shlex.join(("mount", "--bind", f"{HOST}{folder}", str(folder)))
+    for aside, place in kept:
+        yield shlex.join(("mount", "--bind", aside, place))
 
 
 class Systemd(Rig):

@@ -1,6 +1,8 @@
 """`gaitd rig`: a command in another world, its output and its exit code in this one."""
 
 import json
+import shlex
+from pathlib import Path
 from types import MappingProxyType
 
 import pytest
@@ -86,3 +88,33 @@ def test_what_python_reads_from_is_there_once_and_never_inside_what_may_be_writt
         (one, other) for one in places for other in places if one != other and one in other.parents
     ]
     assert not any(place.is_relative_to(rigs.SOURCES) for place in rigs._read_from((rigs.SOURCES,)))
+
+
+class Machine(rigs.SocketCan):
+    """The virtual machine, also where this kernel has SocketCAN."""
+
+    def native(self):
+        return False
+
+
+def test_in_the_machine_a_writable_folder_is_put_over_the_read_only_ones_last(tmp_path):
+    folder, inside = tmp_path / "a folder", rigs.SOURCES / "tests"
+    folder.mkdir()
+
+    words = Machine().command(folder / "outer", folder, (inside,))
+
+    lines = (folder / "begin").read_text().splitlines()
+    targets = [shlex.split(line)[-1] for line in lines if line.startswith("mount")]
+    assert targets[-2:] == [str(folder), str(inside)]
+    assert "/usr" in targets
+    assert any(inside.is_relative_to(target) for target in targets[3:-2])
+    assert shlex.split(lines[-1]) == [str(folder / "outer")]
+    assert len(words[-1]) < 200  # of 2,048 for all words of the kernel
+
+
+def test_in_the_machine_nothing_read_only_is_put_inside_a_writable_folder(tmp_path):
+    Machine().command(tmp_path / "outer", tmp_path, (Path("/"),))
+
+    lines = (tmp_path / "begin").read_text().splitlines()
+    targets = [shlex.split(line)[-1] for line in lines if line.startswith("mount")]
+    assert [one for one in targets if not one.startswith("/run/")] == [str(tmp_path), "/"]
