@@ -233,7 +233,10 @@ def _rows(
     changes: Sequence[Callable[[Robot], File]],
     true: Callable[[Robot], Robot],
 ) -> list[tuple[Cell, ...]]:
-    """Rows of one kind of file: the spread over its files and trials, and all of many files."""
+    """Rows of one kind of file: the spread over its files and trials.
+
+    Of several files also all their samples as one.
+    """
     files = [[changed(trial.robot) for changed in changes] for trial in walks.passive]
     exact = [[File(true(trial.robot))] for trial in walks.passive]
     bare = [[_setup(one) for one in some] for some in files]

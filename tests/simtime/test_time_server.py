@@ -59,7 +59,7 @@ class Served:
         self._begun = threading.Event()
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
-        assert self._begun.wait(10)
+        assert self._begun.wait(60)
 
     def _serve(self):
         with bus_server(self.path) as served:

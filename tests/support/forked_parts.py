@@ -105,7 +105,7 @@ def _warm_up() -> None:
     from daemon.core.runtime.build import build
     from daemon.core.runtime.warm_up import warm_up
 
-    gaitd("check", "--config", CONFIGS / "demo.toml")  # what each command line loads
+    assert gaitd("check", "--config", CONFIGS / "demo.toml").code == 0  # loads the command line
     session = new_session().until_ready()
     warm_up(build(session.settings, "", PersistentState()))
 

@@ -163,7 +163,7 @@ def warm() -> None:
     from gaitd_lab.virtual_machine import virtual_machine
 
     settings = accepted(CONFIGS / TEMPLATE)
-    gaitd("check", "--config", CONFIGS / TEMPLATE)  # what each command line loads
+    assert gaitd("check", "--config", CONFIGS / TEMPLATE).code == 0  # loads the command line
     warm_up(build(settings, "warm", PersistentState()))
     virtual_machine(settings.file).world.advance_to(20_000_000)
 
