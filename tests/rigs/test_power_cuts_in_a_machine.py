@@ -51,7 +51,7 @@ IMAGE_BYTES = 128 << 20
 LIFE_S = 1200.0
 """For a computer on which much else runs; two minutes on one that is free."""
 POLL_S = 0.1
-KILLED_WITHIN_S = {"starting": 12.0, "ready": 2.0, "hold": 4.0, "gait": 5.0, "stop": 0.8}
+KILLED_WITHIN_S = {"starting": 9.0, "ready": 2.0, "hold": 4.0, "gait": 5.0, "stop": 0.8}
 """The machine's time after the begin of the phase; the host's is about ten times as much."""
 CUTS_ELSEWHERE = 10
 OK = ("ok",)
