@@ -6,10 +6,10 @@ rigid machine. A machine whose transmission gives way walks on its own, with the
 and with one that says so.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
 from msgspec.structs import replace
@@ -63,6 +63,7 @@ DRAWS: Final = 200
 DRAWN_SEED: Final = 44
 
 Values = NDArray[np.float64]
+T = TypeVar("T")
 
 
 class File(NamedTuple):
@@ -207,12 +208,12 @@ def table(
     draws = [drawn(number) for number in range(DRAWS)]
     for leg, own in rigid.items():
         for name, changed in FILES.items():
-            rows += _rows(name + leg, own, [changed], _same)
-        rows += _rows(f"{DRAWS} draws from [uncertainty]{leg}", own, draws, _same)
+            rows += _rows(name + leg, own, [changed], _same, begin)
+        rows += _rows(f"{DRAWS} draws from [uncertainty]{leg}", own, draws, _same, begin)
     for name, machine in MACHINES.items():
         for leg, own in walks(machine.transmission, name).items():
             true = partial(replace, transmission=machine.file)
-            rows += _rows(name + leg, own, [File], true)
+            rows += _rows(name + leg, own, [File], true, begin)
     head = ("file differs by", "cadence", "baseline", *_HEAD)
     return Table("A robot file that differs from the machine", head, rows)
 
@@ -232,6 +233,7 @@ def _rows(
     walks: _Walks,
     changes: Sequence[Callable[[Robot], File]],
     true: Callable[[Robot], Robot],
+    begin: Callable[[str], Callable[[float], None]],
 ) -> list[tuple[Cell, ...]]:
     """Rows of one kind of file: the spread over its files and trials.
 
@@ -242,7 +244,7 @@ def _rows(
     bare = [[_setup(one) for one in some] for some in files]
     try:
         clean = [
-            [_with_minute(one, passive) for one in some]
+            [_with_minute(one, passive) for one in _shown(some, begin(f"{name}, baseline"))]
             for some, passive in zip(files, walks.passive, strict=True)
         ]
     except NotPassiveError:
@@ -258,16 +260,25 @@ def _rows(
             if setups is None:
                 rows.append((name, f"{cadence_hz:g} Hz", "refused", *("",) * len(_HEAD)))
                 continue
-            found = [
-                _errors(trial, *one)
+            pairs = [
+                (trial, *one)
                 for trial, some, theirs in zip(trials, made_from, setups, strict=True)
                 for one in zip(some, theirs, strict=True)
             ]
+            told = begin(f"{name}, {cadence_hz:g} Hz, {how}")
+            found = [_errors(*pair) for pair in _shown(pairs, told)]
             rows.append((name, f"{cadence_hz:g} Hz", how, *_cells(found)))
             if len(found) > len(trials):
                 all_name = f"all samples of {name}"
                 rows.append((all_name, f"{cadence_hz:g} Hz", how, *_cells([_as_one(found)])))
     return rows
+
+
+def _shown(every: Sequence[T], told: Callable[[float], None]) -> Iterator[T]:
+    """Yield them all; tell before each how many are done, from 0 to 1."""
+    for number, one in enumerate(every):
+        told(number / len(every))
+        yield one
 
 
 _HEAD: Final = tuple(
