@@ -14,6 +14,8 @@ points (Saerkkae, Bayesian Filtering and Smoothing, 2013, 10.2):
 P_k - G P- G' equals W_k, but W_k is a sum of squares: nothing is subtracted from a covariance here
 either. Where the filter restarted the chain is cut: later samples do not affect earlier estimates.
 
+The derivatives by considered parameters of friction go back with the mean, by the same gains.
+
 The result is what is published: without the part that a passive baseline explains.
 
 Each cycle is one node in a ring of LAG + 1; all in one flat array of floats, so a copy is a
@@ -29,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.filter.cdkf import SIGMA_4, STEP
-from observer.filter.considered import VARIANTS_MAX, take_off, widen
+from observer.filter.considered import OTHER_FRICTION, VARIANTS_MAX, take_off, widen
 from observer.filter.leg_filter import Setup, constants_of, placed
 from observer.filter.leg_memory import NOTHING, STEPPED, LegMemory, N
 from observer.filter.leg_model import LANES, STEP_S
@@ -58,9 +60,10 @@ HIDDEN_NET: Final = OPEN_SPLIT + 2
 """Variance of net that the transmission hides."""
 ACTED: Final = HIDDEN_NET + 2
 """Efforts of the drives."""
-UNSURE_FRICTION: Final = ACTED + 2
-"""Errors of friction by considered parameters."""
-CYCLE_DATA: Final = UNSURE_FRICTION + 2 * VARIANTS_MAX
+SENSITIVITY: Final = ACTED + 2
+"""Derivative of the filtered mean by each considered parameter of friction."""
+FORECAST_SENSITIVITY: Final = SENSITIVITY + VARIANTS_MAX * N
+CYCLE_DATA: Final = FORECAST_SENSITIVITY + VARIANTS_MAX * N
 """Caller's data, kept with the node."""
 CYCLE_DATA_COUNT: Final = 6
 NODE_SIZE: Final = CYCLE_DATA + CYCLE_DATA_COUNT
@@ -73,7 +76,7 @@ LINKED_BY_MODEL: Final = 2.0
 COUNT: Final = NODES * NODE_SIZE
 """Number of nodes ever stored."""
 RING_SIZE: Final = COUNT + 1
-WORK_SIZE: Final = 8 * SQUARE
+WORK_SIZE: Final = 4 * SQUARE + VARIANTS_MAX * N
 
 # Places in the result: the mean first, then
 SMOOTH_STD: Final = N
@@ -117,8 +120,10 @@ def store(
         node[OPEN_SPLIT + i] = memory.split[i] + memory.law[i]
         node[HIDDEN_NET + i] = memory.hidden_net[i]
         node[ACTED + i] = memory.acting[i]
-    for i in range(2 * VARIANTS_MAX):
-        node[UNSURE_FRICTION + i] = memory.unsure_friction[i]
+    for k in range(VARIANTS_MAX):
+        for i in range(N):
+            node[SENSITIVITY + k * N + i] = memory.sensitivity[k, i]
+            node[FORECAST_SENSITIVITY + k * N + i] = memory.forecast_sensitivity[k, i]
     for i in range(CYCLE_DATA_COUNT):
         node[CYCLE_DATA + i] = cycle_data[i]
     node[LINKED] = CUT
@@ -217,14 +222,28 @@ def smoothed(
     if lag >= count or lag > LAG:
         return False
     mean, covariance = work[:N], work[SQUARE : 2 * SQUARE]
+    everywhere = constants_of(setup_of[0])
+    of_parameters = everywhere.variant_count * N
+    sensitivity, difference = work[4 * SQUARE :], work[2 * SQUARE : 2 * SQUARE + N]
     newest = ring[((count - 1) % NODES) * NODE_SIZE :]
     _copy(newest, 0, mean, N)
     _copy(newest, COVARIANCE, covariance, SQUARE)
+    _copy(newest, SENSITIVITY, sensitivity, of_parameters)
     for back in range(lag):
         after = ring[((count - 1 - back) % NODES) * NODE_SIZE :]
         before = ring[((count - 2 - back) % NODES) * NODE_SIZE :]
-        _step_back(before, after, mean, covariance, work[2 * SQUARE :])
-    constants = placed(constants_of(setup_of[0]), mean[0], mean[1])
+        if after[LINKED] == CUT:
+            _copy(before, 0, mean, N)
+            _copy(before, COVARIANCE, covariance, SQUARE)
+            _copy(before, SENSITIVITY, sensitivity, of_parameters)
+        elif after[LINKED] == LINKED_BY_MODEL:
+            _step_back(before, after, mean, covariance, work[2 * SQUARE :])
+            for k in range(everywhere.variant_count):
+                if everywhere.variants[k, OTHER_FRICTION] > 0.0:
+                    at, forecast = SENSITIVITY + k * N, FORECAST_SENSITIVITY + k * N
+                    derivative = sensitivity[k * N : k * N + N]
+                    _revise(before[at:], after[forecast:], after[GAIN:], derivative, difference)
+    constants = placed(everywhere, mean[0], mean[1])
     _add_damping(constants.model.hip, 0, mean, covariance)
     _add_damping(constants.model.slide, 1, mean, covariance)
     node = ring[((count - 1 - lag) % NODES) * NODE_SIZE :]
@@ -238,8 +257,7 @@ def smoothed(
             constants.variant_count,
             constants.known,
             (node[ACTED], node[ACTED + 1]),
-            node[UNSURE_FRICTION:],
-            node[UNSURE_FRICTION:],
+            sensitivity[: VARIANTS_MAX * N].reshape((VARIANTS_MAX, N)),
             SMOOTH_NET_STD,
             work[2 * SQUARE :],
             out[SMOOTH_UNSURE:],
@@ -249,6 +267,28 @@ def smoothed(
         if constants.known.taken:
             take_off(work, SMOOTH_NET, out)
     return True
+
+
+@inline
+def _revise(
+    before: Vector, forecast: Vector, gain: Vector, value: Vector, difference: Vector
+) -> None:
+    """Replace a value of eight states by that of the previous node: before + G (value - forecast).
+
+    Args:
+        before: as filtered at the previous node.
+        forecast: as predicted from there.
+        gain: G, row by row.
+        value: as smoothed at this node; changed.
+        difference: scratch, (N).
+    """
+    for i in range(N):
+        difference[i] = value[i] - forecast[i]
+    for i in range(N):
+        total = before[i]
+        for k in range(N):
+            total += gain[i * N + k] * difference[k]
+        value[i] = total
 
 
 @inline
@@ -262,20 +302,8 @@ def _step_back(
     before: Vector, after: Vector, mean: Vector, covariance: Vector, work: Vector
 ) -> None:
     """Replace mean and covariance of a node by those of the previous node."""
-    if after[LINKED] == SAME:
-        return
-    if after[LINKED] == CUT:
-        _copy(before, 0, mean, N)
-        _copy(before, COVARIANCE, covariance, SQUARE)
-        return
-    difference, half = work[:N], work[SQUARE : 2 * SQUARE]
-    for i in range(N):
-        difference[i] = mean[i] - after[FORECAST + i]
-    for i in range(N):
-        total = before[i]
-        for k in range(N):
-            total += after[GAIN + i * N + k] * difference[k]
-        mean[i] = total
+    _revise(before, after[FORECAST:], after[GAIN:], mean, work)
+    half = work[SQUARE : 2 * SQUARE]
     for i in range(N):
         for j in range(N):
             total = 0.0

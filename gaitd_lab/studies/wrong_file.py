@@ -34,7 +34,7 @@ from observer.filter.considered import (
     DRIVES,
     LEG_COUNT,
     NOTHING_KNOWN,
-    OTHER_HIP,
+    OTHER_FRICTION,
     SLIDE_FRICTION,
     SLOPES,
     Drives,
@@ -305,7 +305,7 @@ def _steps(robot: Robot) -> tuple[Values, Values]:
     """The physics of a robot file, and what each of its parameters that is not sure adds to it."""
     own = Variant(leg_parameters(robot), *friction_parameters(robot))
     unsure = considered(robot)
-    first, *rows = table_of(own, (own, *unsure))[: 1 + len(unsure), :OTHER_HIP]
+    first, *rows = table_of(own, (own, *unsure))[: 1 + len(unsure), :OTHER_FRICTION]
     return first, np.array(rows) - first
 
 

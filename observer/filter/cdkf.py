@@ -200,7 +200,7 @@ def correct(
         noise_std: of the measurement, by state index.
         innovation: of `innovate`.
         innovation_root: of `innovate`.
-        gain: scratch, (n, count) at least.
+        gain: result K by order in `picks`, (n, count) at least.
         work: scratch, (n (n + count)).
     """
     dense = picks[count - 1] + 1

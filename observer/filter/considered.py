@@ -6,13 +6,13 @@ not sure has a variant of the physics, in which it is one standard deviation lar
 pose and motion the two need other efforts:
 
     net       M'(q) a + h'(q, v) - M(q) a - h(q, v) - (u' - u)      a = M^-1 (u + net - h)
-    friction  F'_s(v) - F_s(v), followed as eq. (11) does           eq. (13)
+    friction  F'_s(v) - F_s(v), as the estimate follows it          sensitivity.py
     patient   net + friction                                        h: bias of eq. (6), with springs
 
 where u' is the effort of the drives as this variant has it. The published covariance is that of the
 filter plus the products of these errors; errors of different parameters are independent. An error
-of friction turns with the motion, and the filter's patient takes it up TAKEN_UP_S later; the
-smoother's does so at once, because it knows the samples after it. The other errors change slowly.
+of friction turns with the motion, and the patient's estimate takes it up within some samples, which
+their derivatives follow. The other errors change slowly.
 An error lasts as long as its parameter: it does not average out over a stride (`strides.py`).
 
 A passive baseline (`observer/baseline.py`) says how far each parameter is off on this machine with
@@ -37,14 +37,7 @@ from numpy.typing import NDArray
 from observer.filter.leg_model import LegModel
 from observer.filter.states import STATE_COUNT
 from observer.jit import fixed_tuple, inline
-from observer.mechanism.friction import (
-    FrictionParameters,
-    OverPosition,
-    at_position,
-    bristles_followed,
-    followed,
-    static_friction,
-)
+from observer.mechanism.friction import FrictionParameters
 from observer.mechanism.linkage import accelerations, dynamics, efforts
 from observer.mechanism.parameters import LegParameters
 from observer.quantities import Number
@@ -55,13 +48,11 @@ Matrix = NDArray[np.float64]
 VARIANTS_MAX: Final = 32
 """Room for considered parameters."""
 N: Final = STATE_COUNT
-TAKEN_UP_S: Final = 0.03
-"""Time constant with which the patient's estimate takes up an error of friction. Measured: with
-files of 20 % more and less friction 0.03 to 0.04 s leaves the smallest error after a baseline."""
 COVARIANCE: Final = 2 * N
 """Place of the lower triangle, row by row, behind mean and standard deviations."""
 FRICTION_ROW: Final = 4
 """Friction of both axes, then the patient, are the rows that parameters make uncertain."""
+PATIENT_ROW: Final = FRICTION_ROW + 2
 
 
 class Drives(NamedTuple):
@@ -131,12 +122,10 @@ SLIDE_FRICTION: Final = LEG_COUNT + FRICTION_COUNT
 DRIVES: Final = LEG_COUNT + 2 * FRICTION_COUNT
 DRIVES_COUNT: Final = len(Drives._fields)
 SLOPES: Final = DRIVES + DRIVES_COUNT
-OTHER_HIP: Final = SLOPES + len(Slopes._fields)
-"""1 where the variant has another friction at the hip."""
-OTHER_SLIDE: Final = OTHER_HIP + 1
-"""1 where it has another one at the slide."""
-OTHER_LEG: Final = OTHER_SLIDE + 1
-"""1 where the variant has another leg, or another pose."""
+OTHER_FRICTION: Final = SLOPES + len(Slopes._fields)
+"""1 where the variant has another friction."""
+OTHER_LEG: Final = OTHER_FRICTION + 1
+"""1 where it has another leg, or another pose."""
 VARIANT_SIZE: Final = OTHER_LEG + 1
 
 
@@ -155,68 +144,12 @@ def table_of(own: Variant, variants: Sequence[Variant]) -> Matrix:
         raise ValueError(f"{len(variants)} variants of a leg: there is room for {VARIANTS_MAX}")
     table = np.zeros((VARIANTS_MAX, VARIANT_SIZE))
     for row, one in zip(table, variants, strict=False):
-        other_hip = one.hip != own.hip or one.slopes.hip_per_rad != 0.0
-        other_slide = one.slide != own.slide or one.slopes.slide_per_m != 0.0
+        other_friction = (one.hip, one.slide) != (own.hip, own.slide) or any(one.slopes)
         moved = one.drives.position_offset_hip_rad, one.drives.position_offset_slide_m
         other_leg = one.leg != own.leg or moved != (0.0, 0.0)
-        others = float(other_hip), float(other_slide), float(other_leg)
+        others = float(other_friction), float(other_leg)
         row[:] = (*one.leg, *one.hip, *one.slide, *one.drives, *one.slopes, *others)
     return table
-
-
-@inline
-def follow(
-    model: LegModel,
-    over: tuple[OverPosition, OverPosition],
-    variants: Matrix,
-    count: int,
-    mean: Vector,
-    dt_s: float,
-    errors: Vector,
-    taken_up: Vector,
-) -> None:
-    """Advance the errors by each considered parameter by a step, (2 VARIANTS_MAX) each.
-
-    The error of friction lags behind the law as friction does: after a reversal it keeps its sign
-    for a while. What the patient's estimate has taken up of it lags behind that.
-    """
-    q1, q2, v1, v2 = mean[0], mean[1], mean[2], mean[3]
-    law_hip, law_slide = static_friction(model.hip, v1), static_friction(model.slide, v2)
-    share_hip, share_slide = _share(model.hip, v1, dt_s), _share(model.slide, v2, dt_s)
-    share = 1.0 - math.exp(-dt_s / TAKEN_UP_S)
-    for k in range(count):
-        row = variants[k]
-        if row[OTHER_HIP] > 0.0:
-            hip = at_position(
-                FrictionParameters(*fixed_tuple(row[LEG_COUNT:], FRICTION_COUNT)),
-                OverPosition(over[0].slope + row[SLOPES], over[0].middle),
-                q1,
-            )
-            wrong = static_friction(hip, v1) - law_hip
-            _lag(2 * k, wrong, share_hip, share, errors, taken_up)
-        if row[OTHER_SLIDE] > 0.0:
-            slide = at_position(
-                FrictionParameters(*fixed_tuple(row[SLIDE_FRICTION:], FRICTION_COUNT)),
-                OverPosition(over[1].slope + row[SLOPES + 1], over[1].middle),
-                q2,
-            )
-            wrong = static_friction(slide, v2) - law_slide
-            _lag(2 * k + 1, wrong, share_slide, share, errors, taken_up)
-
-
-@inline
-def _lag(
-    i: int, wrong: float, friction_share: float, share: float, errors: Vector, taken_up: Vector
-) -> None:
-    errors[i] += friction_share * (wrong - errors[i])
-    taken_up[i] += share * (errors[i] - taken_up[i])
-
-
-@inline
-def _share(f: FrictionParameters, velocity: float, dt_s: float) -> float:
-    if f.bristle_stiffness > 0.0:
-        return bristles_followed(f, velocity, dt_s)
-    return followed(f, velocity, dt_s)
 
 
 @inline
@@ -226,8 +159,7 @@ def widen(
     count: int,
     known: Known,
     effort: tuple[float, float],
-    friction_errors: Vector,
-    taken_up: Vector,
+    sensitivity: Matrix,
     net_std_at: int,
     work: Vector,
     patient_errors: Vector,
@@ -242,8 +174,8 @@ def widen(
         count: their number.
         known: of the baseline in force.
         effort: of the drives, N m and N.
-        friction_errors: of each parameter, as `follow` has left them.
-        taken_up: what the estimate of the patient has taken up of them.
+        sensitivity: derivative of the estimate by each parameter of friction, a row for each, of
+            which friction and patient are read (sensitivity.py).
         net_std_at: place of the standard deviation of net in `out`.
         work: scratch, (4 VARIANTS_MAX).
         patient_errors: result, (2 VARIANTS_MAX): of the patient's effort by each parameter, hip
@@ -252,7 +184,7 @@ def widen(
             before slide; unchanged without.
         out: mean (8), standard deviations (8) and lower triangle (36) first; changed.
     """
-    _find_errors(model, variants, count, effort, friction_errors, taken_up, out, work)
+    _find_errors(model, variants, count, effort, sensitivity, out, work)
     if known.taken:
         _apply(known, count, work, passive)
         _keep(known.kept_std, net_std_at, out)
@@ -280,8 +212,7 @@ def _find_errors(
     variants: Matrix,
     count: int,
     effort: tuple[float, float],
-    friction_errors: Vector,
-    taken_up: Vector,
+    sensitivity: Matrix,
     mean: Vector,
     errors: Vector,
 ) -> None:
@@ -306,10 +237,12 @@ def _find_errors(
             net_hip, net_slide = other_hip - own_hip, other_slide - own_slide
         net_hip -= (shown.effort_ratio_hip - 1.0) * effort[0] + shown.effort_offset_hip_nm
         net_slide -= (shown.effort_ratio_slide - 1.0) * effort[1] + shown.effort_offset_slide_n
-        hip, slide = friction_errors[2 * k], friction_errors[2 * k + 1]
-        errors[4 * k], errors[4 * k + 1] = hip, slide
-        errors[4 * k + 2] = net_hip + taken_up[2 * k] - hip
-        errors[4 * k + 3] = net_slide + taken_up[2 * k + 1] - slide
+        for axis in range(2):
+            friction = sensitivity[k, FRICTION_ROW + axis]
+            errors[4 * k + axis] = friction
+            errors[4 * k + 2 + axis] = sensitivity[k, PATIENT_ROW + axis] - friction
+        errors[4 * k + 2] += net_hip
+        errors[4 * k + 3] += net_slide
 
 
 @inline
@@ -337,7 +270,7 @@ def _apply(known: Known, count: int, errors: Vector, passive: Vector) -> None:
 def _keep(kept_std: Vector, net_std_at: int, out: Vector) -> None:
     """Add what the baseline cannot tell from the patient to the variance of patient and net."""
     for axis in range(2):
-        patient = FRICTION_ROW + 2 + axis
+        patient = PATIENT_ROW + axis
         variance = kept_std[axis] * kept_std[axis]
         out[COVARIANCE + patient * (patient + 1) // 2 + patient] += variance
         out[net_std_at + axis] = math.sqrt(out[net_std_at + axis] ** 2 + variance)

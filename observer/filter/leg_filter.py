@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.filter.cdkf import STEP, compress, correct, innovate, spread
-from observer.filter.considered import VARIANT_SIZE, VARIANTS_MAX, Known, follow, widen
+from observer.filter.considered import VARIANT_SIZE, VARIANTS_MAX, Known, widen
 from observer.filter.leg_memory import (
     STEPPED,
     LegMemory,
@@ -63,6 +63,7 @@ from observer.filter.leg_noise import (
     set_process_noise,
 )
 from observer.filter.patient_rate import carry_rate, fade_rate, follow_rate, forget_rate
+from observer.filter.sensitivity import follow_friction
 from observer.filter.status import (
     GAP_MAX_S,
     GATED_MAX_IN_A_ROW,
@@ -331,7 +332,7 @@ def advance_by(
     for i in range(OUT_PASSIVE, OUT_SIZE):
         out[i] = 0.0
     if constants.variant_count > 0:
-        _consider(constants, memory, dt_s, out)
+        _consider(constants, memory, points, dt_s, out)
     return determine(model, memory, dt_s, status)
 
 
@@ -345,21 +346,20 @@ def _hide(model: LegModel, options: Options, m: LegMemory, dt_s: float) -> None:
 
 
 @inline
-def _consider(constants: Constants, m: LegMemory, dt_s: float, out: Vector) -> None:
+def _consider(constants: Constants, m: LegMemory, points: Vector, dt_s: float, out: Vector) -> None:
     """Add to sigma what is not known of the machine."""
     model, variants, count = constants.model, constants.variants, constants.variant_count
     acting = m.acting[0], m.acting[1]
     if m.event == STEPPED:
         over = friction_over_position(constants.options)
-        follow(model, over, variants, count, m.mean, dt_s, m.unsure_friction, m.taken_up)
+        follow_friction(model, over, variants, count, m, points, dt_s)
     widen(
         model,
         variants,
         count,
         constants.known,
         acting,
-        m.unsure_friction,
-        m.taken_up,
+        m.sensitivity,
         OUT_NET_STD,
         m.work,
         m.patient_errors,
@@ -489,6 +489,9 @@ def _measure(
         m.gain,
         m.work,
     )
+    if count == 1 and picks[0] == 1:
+        for row in range(N):
+            m.gain[row, 0], m.gain[row, 1] = 0.0, m.gain[row, 0]
     if m.gated_cycles == 0.0:
         follow_rate(m, 0, m.mean[6] - patient_hip, dt_s)
         follow_rate(m, 1, m.mean[7] - patient_slide, dt_s)

@@ -80,10 +80,9 @@ class LegMemory(Protocol):
     """Cycles since the last correction of each axis."""
     acting: Pair
     """Efforts of the drives in the last step."""
-    unsure_friction: Annotated[Vector, (2 * VARIANTS_MAX,)]
-    """Error of friction by each considered parameter, hip then slide (considered.py)."""
-    taken_up: Annotated[Vector, (2 * VARIANTS_MAX,)]
-    """What the patient's estimate has taken up of each of these."""
+    sensitivity: Annotated[Matrix, (VARIANTS_MAX, N + 2)]
+    """Derivative of the mean and of both patient rates by each considered parameter of friction
+    (sensitivity.py)."""
     followed_effort: Pair
     """Efforts behind a low-pass, and their rates (transmission.py)."""
     followed_rate: Pair
@@ -107,12 +106,18 @@ class LegMemory(Protocol):
     forecast_mean: State
     forecast_root: Root
     """After the prediction, before the correction."""
+    forecast_sensitivity: Annotated[Matrix, (VARIANTS_MAX, N)]
     measured: Pair
     seen_std: Pair
     """Standard deviation of this step's measurement."""
     innovation: Pair
     innovation_root: Annotated[Matrix, (2, 2)]
     gain: Annotated[Matrix, (N, 2)]
+    """Of this cycle's correction, by the samples of hip and slide; 0 without one."""
+    rate_kept: Pair
+    """What this cycle has left of the patient's rate before it was corrected, 0..1."""
+    rate_gain: Pair
+    """Gain of the patient's rate from the correction of the patient, 1/s."""
     shown_mean: State
     shown_root: Root
     """The estimate to report, with all friction of bristles."""
@@ -198,8 +203,9 @@ def _begin(
         m.patient_rate[axis] = 0.0
         m.followed_effort[axis], m.followed_rate[axis] = m.efforts[0, axis], 0.0
         m.hidden_error[axis] = m.hidden_friction[axis] = m.hidden_net[axis] = 0.0
-    for i in range(2 * VARIANTS_MAX):
-        m.unsure_friction[i] = m.taken_up[i] = 0.0
+    for k in range(VARIANTS_MAX):
+        for i in range(N + 2):
+            m.sensitivity[k, i] = 0.0
     m.nis_mean = 2.0
     m.started = 1.0
     m.warm_up_cycles = WARM_UP_CYCLES
@@ -211,7 +217,10 @@ def _begin(
 def begin_cycle(m: LegMemory, dt_s: float) -> None:
     """Advance counters and efforts by one cycle."""
     m.event = NOTHING
+    for row in range(N):
+        m.gain[row, 0] = m.gain[row, 1] = 0.0
     for axis in range(2):
+        m.rate_kept[axis], m.rate_gain[axis] = 1.0, 0.0
         m.predicted[axis] += 1.0
         if dt_s > 0.0:
             for age in range(EFFORTS - 1, 0, -1):

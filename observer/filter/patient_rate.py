@@ -51,9 +51,15 @@ def carry_rate(m: LegMemory, dt_s: float) -> None:
 @inline
 def fade_rate(m: LegMemory, dt_s: float) -> None:
     """Let both rates fade over one step."""
-    share = math.exp(-dt_s / RATE_FADES_S)
+    share = fading(dt_s)
     m.patient_rate[0] *= share
     m.patient_rate[1] *= share
+
+
+@inline
+def fading(dt_s: float) -> float:
+    """Return what a step leaves of a rate."""
+    return math.exp(-dt_s / RATE_FADES_S)
 
 
 @inline
@@ -66,10 +72,13 @@ def forget_rate(m: LegMemory) -> None:
 def follow_rate(m: LegMemory, axis: int, correction: float, dt_s: float) -> None:
     """Take the rate from what a sample corrected of the patient's effort (N·m, N)."""
     if correction * m.patient_rate[axis] < 0.0:
+        m.rate_kept[axis] = TURNED_SHARE
         m.patient_rate[axis] *= TURNED_SHARE
     working = min(m.patient_ratio[axis], 1.0)
     expected = EXPECTED_STEPS * m.noise[6 + axis, 6 + axis]
     size = math.fabs(correction)
     usual = expected / size if size > expected else 1.0  # at rest both may be 0
     over_s = max(dt_s, STEP_S)  # two samples within a moment are no rate
-    m.patient_rate[axis] += RATE_GAIN * (working * usual) ** 2 * correction / over_s
+    gain = RATE_GAIN * (working * usual) ** 2
+    m.rate_gain[axis] = gain / over_s
+    m.patient_rate[axis] += gain * correction / over_s

@@ -1,0 +1,119 @@
+"""The derivative of the estimate by a parameter of friction, beside two observers of their own."""
+
+import numpy as np
+import pytest
+
+from observer.filter.considered import NOTHING_KNOWN, Slopes, Variant, known_of
+from observer.filter.leg_model import Integrator
+from observer.filter.leg_observer import setup_of, with_baseline
+from observer.filter.status import Status, Validity
+from observer.mechanism.friction import OverPosition
+from observer.offline.batch import Columns, run
+from observer.offline.smooth_batch import run_smoothed
+from tests.observer.trainer import (
+    HIP,
+    HIP_BRISTLES,
+    PATIENT,
+    SLIDE_BRISTLES,
+    SLIDE_FRICTION,
+    TUNING,
+    encoded,
+    gait,
+    rms,
+    simulate,
+)
+
+SHIPPED = TUNING._replace(
+    velocity_gated=True, patient_noise_max_ratio=20.0, integrator=Integrator.SEMI_IMPLICIT
+)
+FOR_BRISTLES = SHIPPED._replace(substeps=10)
+CYCLES = 1200
+SETTLED_S = 2.0
+ENTIRE = known_of(np.ones(1), 1e-12 * np.eye(1), np.zeros(2))
+"""A baseline that knows the only parameter to be off by one standard deviation."""
+MORE = 1.02
+
+
+def rougher(friction):
+    """The same law on a level that is two percent higher."""
+    return friction._replace(stribeck=MORE * friction.stribeck, coulomb=MORE * friction.coulomb)
+
+
+def on_bristles(friction, bristles):
+    return friction._replace(bristle_stiffness=bristles.stiffness, bristle_damping=bristles.damping)
+
+
+OWN = Variant(PATIENT, HIP, SLIDE_FRICTION)
+BRISTLED = Variant(
+    PATIENT, on_bristles(HIP, HIP_BRISTLES), on_bristles(SLIDE_FRICTION, SLIDE_BRISTLES)
+)
+PAIRS = {
+    "level of the hip": (OWN, OWN._replace(hip=rougher(OWN.hip)), SHIPPED),
+    "level of the slide": (OWN, OWN._replace(slide=rougher(OWN.slide)), SHIPPED),
+    "viscous friction of the slide": (
+        OWN,
+        OWN._replace(slide=OWN.slide._replace(viscous=MORE * OWN.slide.viscous)),
+        SHIPPED,
+    ),
+    "slope along the slide": (OWN, OWN._replace(slopes=Slopes(slide_per_m=MORE - 1.0)), SHIPPED),
+    "level of the slide's bristles": (
+        BRISTLED,
+        BRISTLED._replace(slide=rougher(BRISTLED.slide)),
+        FOR_BRISTLES,
+    ),
+}
+
+
+def active(time_s):
+    return np.column_stack(
+        (6.0 * np.sin(np.pi * time_s / 2.0), 30.0 * np.cos(np.pi * time_s / 2.0))
+    )
+
+
+def walked(*, bristles: bool):
+    """Twelve seconds of gait at 0.25 Hz with a patient who works."""
+    path = gait(PATIENT, (np.arange(CYCLES) + 1) * 0.01, 0.25)
+    return encoded(simulate(PATIENT, CYCLES, reference=path, patient=active, lugre=bristles))
+
+
+@pytest.fixture(scope="module")
+def walks():
+    return {bristles: walked(bristles=bristles) for bristles in (False, True)}
+
+
+def changes(estimates_of, pair, columns: Columns):
+    """Change of friction and patient: by the derivative, and between two observers."""
+    own, other, tuning = pair
+    setup = setup_of(*own[:3], tuning, [other])
+    right = estimates_of(with_baseline(setup, NOTHING_KNOWN), columns)
+    told = right.state - estimates_of(with_baseline(setup, ENTIRE), columns).state
+    over = tuple(OverPosition(slope, 0.0) for slope in other.slopes)
+    of_other = setup_of(*other[:3], tuning._replace(friction_over_position=over))
+    found = estimates_of(of_other, columns).state - right.state
+    rows = (columns.time_s > SETTLED_S) & (right.validity == Validity.OK).all(axis=1)
+    axis = int(other.hip == own.hip)
+    return told[rows, 4 + axis :: 2], found[rows, 4 + axis :: 2]
+
+
+@pytest.mark.parametrize("estimates_of", [run, run_smoothed])
+@pytest.mark.parametrize("name", PAIRS)
+def test_it_is_the_difference_to_an_observer_with_a_little_more_friction(walks, name, estimates_of):
+    told, found = changes(estimates_of, PAIRS[name], walks["bristles" in name])
+
+    assert (rms(told - found) < 0.06 * rms(found)).all()
+
+
+def test_samples_that_are_missing_or_rejected_correct_nothing_of_it(walks):
+    whole = walks[False]
+    position = whole.position.copy()
+    for begin in range(250, CYCLES - 170, 170):
+        position[begin : begin + 4, 1] = np.nan
+        position[begin + 60 : begin + 64, 0] = np.nan
+        position[begin + 120] += (0.1, 0.05)
+    columns = Columns(whole.time_s, position, whole.effort)
+    told, found = changes(run, PAIRS["level of the slide"], columns)
+
+    own = run(setup_of(*OWN[:3], SHIPPED), columns)
+    assert np.count_nonzero(own.status & Status.GATED) >= 5
+    assert np.count_nonzero(np.isnan(own.innovation), axis=0) == pytest.approx(21, abs=1)
+    assert (rms(told - found) < 0.1 * rms(found)).all()
