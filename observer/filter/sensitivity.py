@@ -12,9 +12,10 @@ filter's mean goes through each cycle with the mean:
     at rest       friction at its breakaway level has that of the law with the other parameter
 
 With friction and patient both less by b, the leg moves the same and friction follows the filter's
-own law. Bristles have the share F / g of b's level: they yield at the rate |v| sigma_0 / g. How the gain depends on the parameter is left out. p is in its standard deviations
-(`considered.py`). A parameter that leaves friction as it is has no derivative here: its error
-changes slowly. The smoother takes the derivatives back with the mean (`smoother.py`).
+own law. Bristles have the share F / g of b's level: they yield at the rate |v| sigma_0 / g. How the
+gain depends on the parameter is left out. p is in its standard deviations (`considered.py`). A
+parameter that leaves friction as it is has no derivative here: its error changes slowly. The
+smoother takes the derivatives back with the mean (`smoother.py`).
 """
 
 from typing import Final
@@ -35,7 +36,7 @@ from observer.filter.considered import (
 from observer.filter.leg_memory import LegMemory, N
 from observer.filter.leg_model import LANES, LegModel
 from observer.filter.patient_rate import fading
-from observer.jit import fixed_tuple, inline
+from observer.jit import fixed_tuple, inline, kernel
 from observer.mechanism.friction import (
     FrictionParameters,
     OverPosition,
@@ -51,7 +52,7 @@ RATE: Final = N
 """Place of both patient rates behind the mean."""
 
 
-@inline
+@kernel
 def follow_friction(
     model: LegModel,
     over: tuple[OverPosition, OverPosition],
