@@ -113,7 +113,7 @@ class LegMemory(Protocol):
     innovation: Pair
     innovation_root: Annotated[Matrix, (2, 2)]
     gain: Annotated[Matrix, (N, 2)]
-    """Of this cycle's correction, by the samples of hip and slide; 0 without one."""
+    """K of this cycle by the samples of hip and slide; 0 of a sample that corrected nothing."""
     rate_kept: Pair
     """What this cycle has left of the patient's rate before it was corrected, 0..1."""
     rate_gain: Pair
