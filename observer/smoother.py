@@ -76,7 +76,9 @@ LINKED_BY_MODEL: Final = 2.0
 COUNT: Final = NODES * NODE_SIZE
 """Number of nodes ever stored."""
 RING_SIZE: Final = COUNT + 1
-WORK_SIZE: Final = 4 * SQUARE + VARIANTS_MAX * N
+OF_PARAMETERS: Final = max(5 * SQUARE, 2 * SQUARE + 4 * VARIANTS_MAX)
+"""Place of the derivatives in the scratch memory, behind that of `_link`, `_step_back`, `widen`."""
+WORK_SIZE: Final = OF_PARAMETERS + VARIANTS_MAX * N
 
 # Places in the result: the mean first, then
 SMOOTH_STD: Final = N
@@ -101,7 +103,7 @@ def store(
         ring: (RING_SIZE), all zero before the first cycle.
         memory_of: the filter's memory after `advance`.
         points: the filter's sigma points after `advance`.
-        cycle_data: (NOTE_COUNT), stored with the node.
+        cycle_data: (CYCLE_DATA_COUNT), stored with the node.
         work: scratch, (WORK_SIZE).
     """
     memory = memory_of[0]
@@ -224,7 +226,7 @@ def smoothed(
     mean, covariance = work[:N], work[SQUARE : 2 * SQUARE]
     everywhere = constants_of(setup_of[0])
     of_parameters = everywhere.variant_count * N
-    sensitivity, difference = work[4 * SQUARE :], work[2 * SQUARE : 2 * SQUARE + N]
+    sensitivity, difference = work[OF_PARAMETERS:], work[2 * SQUARE : 2 * SQUARE + N]
     newest = ring[((count - 1) % NODES) * NODE_SIZE :]
     _copy(newest, 0, mean, N)
     _copy(newest, COVARIANCE, covariance, SQUARE)

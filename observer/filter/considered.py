@@ -11,8 +11,8 @@ pose and motion the two need other efforts:
 
 where u' is the effort of the drives as this variant has it. The published covariance is that of the
 filter plus the products of these errors; errors of different parameters are independent. An error
-of friction turns with the motion, and the patient's estimate takes it up within some samples, which
-their derivatives follow. The other errors change slowly.
+of friction turns with the motion: how fast the estimate takes it up is in its derivatives
+(sensitivity.py), and net has what is missing until then. The other errors change slowly.
 An error lasts as long as its parameter: it does not average out over a stride (`strides.py`).
 
 A passive baseline (`observer/baseline.py`) says how far each parameter is off on this machine with

@@ -412,6 +412,7 @@ def _predict(
         dt_s,
     )
     copy_estimate(m.mean, m.root, m.backup_mean, m.backup_root)
+    m.carried_rate[0], m.carried_rate[1] = m.patient_rate[0], m.patient_rate[1]
     carry_rate(m, 0.5 * dt_s)
     spread(m.mean, m.root, STEP, N, LANES, points)
     substeps = substeps_for(dt_s, int(options.substeps))

@@ -107,6 +107,7 @@ class LegMemory(Protocol):
     forecast_root: Root
     """After the prediction, before the correction."""
     forecast_sensitivity: Annotated[Matrix, (VARIANTS_MAX, N)]
+    """Derivative of `forecast_mean` by each considered parameter of friction."""
     measured: Pair
     seen_std: Pair
     """Standard deviation of this step's measurement."""
@@ -114,6 +115,8 @@ class LegMemory(Protocol):
     innovation_root: Annotated[Matrix, (2, 2)]
     gain: Annotated[Matrix, (N, 2)]
     """K of this cycle by the samples of hip and slide; 0 of a sample that corrected nothing."""
+    carried_rate: Pair
+    """Rate of the patient along which this cycle's prediction went."""
     rate_kept: Pair
     """What this cycle has left of the patient's rate before it was corrected, 0..1."""
     rate_gain: Pair
@@ -205,7 +208,8 @@ def _begin(
         m.hidden_error[axis] = m.hidden_friction[axis] = m.hidden_net[axis] = 0.0
     for k in range(VARIANTS_MAX):
         for i in range(N + 2):
-            m.sensitivity[k, i] = 0.0
+            if not (keep and 2 <= i < N):
+                m.sensitivity[k, i] = 0.0
     m.nis_mean = 2.0
     m.started = 1.0
     m.warm_up_cycles = WARM_UP_CYCLES

@@ -58,7 +58,7 @@ def fade_rate(m: LegMemory, dt_s: float) -> None:
 
 @inline
 def fading(dt_s: float) -> float:
-    """Return what a step leaves of a rate."""
+    """Return the share of a rate that a step leaves."""
     return math.exp(-dt_s / RATE_FADES_S)
 
 

@@ -1,9 +1,9 @@
 """How the estimate answers to an error of friction: its derivative by each parameter.
 
 An error of a friction level turns with each reversal. The filter's patient takes it up within some
-samples, as fast as the gain of these samples: sooner where innovations have raised the patient's
-noise, and beyond it where the patient's rate carries it on. So the derivative s = dx / dp of the
-filter's mean goes through each cycle with the mean:
+samples. It takes it up sooner where innovations have raised the patient's noise, and overshoots
+where the patient's rate is carried on. So the derivative s = dx / dp of the filter's mean goes
+through each cycle with the mean:
 
     prediction    s := A (s - b) + b          A: differences of the sigma points
                   b = F'_s(v) - F_s(v) in the rows of friction and patient
@@ -12,12 +12,16 @@ filter's mean goes through each cycle with the mean:
     at rest       friction at its breakaway level has that of the law with the other parameter
 
 With friction and patient both less by b, the leg moves the same and friction follows the filter's
-own law. Bristles have the share F / g of b's level: they yield at the rate |v| sigma_0 / g. How the
-gain depends on the parameter is left out. p is in its standard deviations (`considered.py`). A
-parameter that leaves friction as it is has no derivative here: its error changes slowly. The
-smoother takes the derivatives back with the mean (`smoother.py`).
+own law. Bristles have the share F / g of b's level: they yield at the rate |v| sigma_0 / g. p is in
+its standard deviations (`considered.py`). A parameter that leaves friction as it is has no
+derivative here: its error changes slowly. The smoother takes the derivatives back with the mean
+(`smoother.py`).
+
+Left out is what is of second order or acts for a cycle: how gain, rate and its switches depend on
+the parameter, the curvature between sigma points, and `viscous_outside`.
 """
 
+import math
 from typing import Final
 
 import numpy as np
@@ -93,6 +97,7 @@ def follow_friction(
         _correct(m, s)
         _hold(model.hip, hip, m, 0, s)
         _hold(model.slide, slide, m, 1, s)
+        _keep_finite(s)
 
 
 @inline
@@ -119,6 +124,8 @@ def _shift(s: Vector, hip: float, slide: float) -> None:
 def _predict(m: LegMemory, points: Vector, dt_s: float, s: Vector) -> None:
     """Carry one derivative through the prediction: the points' differences over their reach."""
     for axis in range(2):
+        if m.carried_rate[axis] == 0.0:
+            s[RATE + axis] = 0.0
         s[PATIENT_ROW + axis] += 0.5 * dt_s * s[RATE + axis]
     for i in range(N):
         for k in range(i):
@@ -161,3 +168,14 @@ def _hold(
         held = (other.stribeck - own.stribeck) * friction / own.stribeck
         s[PATIENT_ROW + axis] += held - s[FRICTION_ROW + axis]
         s[FRICTION_ROW + axis] = held
+
+
+@inline
+def _keep_finite(s: Vector) -> None:
+    """Begin anew after numbers that no law of an axis gives."""
+    total = 0.0
+    for i in range(RATE + 2):
+        total += s[i]
+    if not math.isfinite(total):
+        for i in range(RATE + 2):
+            s[i] = 0.0

@@ -5,6 +5,7 @@ import tracemalloc
 from functools import partial
 
 import numpy as np
+import pytest
 from numba import njit
 from numba.core.runtime import nrt
 
@@ -12,6 +13,7 @@ from gaitd_lab.benchmark.step_times import recording, walk
 from observer.filter.considered import Drives, Variant
 from observer.filter.leg_observer import LegObserver
 from observer.offline.batch import Columns, run
+from observer.offline.smooth_batch import run_smoothed
 from tests.observer.trainer import HIP, PATIENT, SLIDE_FRICTION, TUNING
 
 STEPS = 1000
@@ -35,13 +37,15 @@ def rows(count):
     return Columns(columns.time_s[:count], columns.position[:count], columns.effort[:count])
 
 
-def test_the_compiled_step_allocates_nothing():
+@pytest.mark.parametrize("estimates_of", [run, run_smoothed])
+def test_the_compiled_step_allocates_nothing(estimates_of):
     other = Variant(PATIENT, HIP, SLIDE_FRICTION, Drives(effort_ratio_hip=1.05))
-    leg = LegObserver(PATIENT, HIP, SLIDE_FRICTION, TUNING, [other])
-    run(leg.setup, rows(FEW_ROWS))
+    rougher = Variant(PATIENT, HIP, SLIDE_FRICTION._replace(viscous=70.0))
+    leg = LegObserver(PATIENT, HIP, SLIDE_FRICTION, TUNING, [other, rougher])
+    estimates_of(leg.setup, rows(FEW_ROWS))
 
     many, few = (
-        compiled_allocations(partial(run, leg.setup, rows(count)))
+        compiled_allocations(partial(estimates_of, leg.setup, rows(count)))
         for count in (FEW_ROWS + STEPS, FEW_ROWS)
     )
 
