@@ -16,7 +16,9 @@ from hypothesis import settings
 
 # pytest finds it by itself once gaitd is installed; a tree that is newer than its installation
 # names it here.
-pytest_plugins = ["gaitd_lab.testing.plugin", "forked", "forked_parts", "rewritten"]
+pytest_plugins = [
+    *("gaitd_lab.testing.plugin", "forked", "forked_parts", "kept_together", "rewritten"),
+]
 
 # How long an example takes says something about the machine, and nothing about the project.
 settings.register_profile("untimed", deadline=None)

@@ -15,7 +15,7 @@ from controllers import NEUTRAL, Controller
 from gaitd_assist import LegController, Settings, StrideLine, parse_settings
 from gaitd_client import Stride
 from gaitd_names import Mode, RequestKind
-from sessions import CONFIGS
+from sessions import CONFIGS, briefly_announced
 
 from daemon.config.settings import Robot
 from daemon.gateway import strides, translate
@@ -205,7 +205,7 @@ class Gym:
             config: trainer file.
             other: the plant's own mechanism and friction, made of the observer's.
         """
-        settings = load(config)
+        settings = briefly_announced(load(config))
         _, plant = load_plant(settings.file)
         friction = msgspec.structs.replace(plant.friction, law=law)
         plant = msgspec.structs.replace(plant, friction=friction)

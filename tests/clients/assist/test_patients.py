@@ -123,7 +123,7 @@ def is_helped_well(walk):
 def test_of_two_legs_the_able_one_is_left_alone_and_the_resisting_one_is_guided():
     gym = Gym(config=CONFIGS / "two_legs.toml")
 
-    able, resists = gym.walk_legs([of_ability(1.0), resisting], 5)
+    able, resists = gym.walk_legs([of_ability(1.0), resisting], 4)
 
     is_left_alone(able)
     goes_on_unrefused(resists)

@@ -53,3 +53,25 @@ def test_the_schemas_are_written_as_files(tmp_path):
     files = {file.name: json.loads(file.read_bytes()) for file in (tmp_path / "made").iterdir()}
     assert files.pop("asyncapi.json")["asyncapi"] == "3.0.0"
     assert files == json.loads(json.dumps({f"{n}.json": s for n, s in wire.schemas().items()}))
+
+
+DECODED = """
+import msgspec
+from gaitd_client.wire import MESSAGES
+from msgspec import _utils
+
+def look(*_):
+    raise SystemExit("msgspec looks at a type only when a message comes")
+
+_utils._eval_type = look
+for kind in MESSAGES.values():
+    try:
+        msgspec.json.decode(b"[]", type=kind)
+    except msgspec.ValidationError:
+        pass
+"""
+
+
+def test_types_of_messages_are_looked_at_on_import_since_two_threads_would_crash_msgspec():
+    """Seen: two threads of a program asked for the status, and were the first to do so."""
+    subprocess.run([sys.executable, "-I", "-c", DECODED], check=True)

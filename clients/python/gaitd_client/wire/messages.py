@@ -499,6 +499,10 @@ MESSAGES: Final[dict[str, type[msgspec.Struct]]] = {
 }
 """NAME in `gaitd.NAME.v1` of each message."""
 
+_DECODERS: Final = tuple(map(msgspec.json.Decoder, MESSAGES.values()))
+"""Made once on import: msgspec looks at a type when it is first decoded, and crashes the process if
+two threads do so at once."""
+
 NAME_OF: Final = {kind: name for name, kind in MESSAGES.items()}
 
 ALIVE: Final = "alive"

@@ -28,8 +28,8 @@ def explored(per_class: int, **pairs: Any) -> None:
 
 
 def test_no_event_and_no_two_at_once_break_an_invariant_in_any_class_of_states():
-    """A third of the pairs in each class, and other ones in the next: all pairs come many times."""
-    explored(2, pairs_per_class=1, pairs_every=3)
+    """A sixth of the pairs in each class, and other ones in the next: all pairs come many times."""
+    explored(2, pairs_per_class=1, pairs_every=6)
 
 
 @pytest.mark.thorough
@@ -64,7 +64,7 @@ def test_a_planted_fault_is_found_with_the_way_to_it(mutation, monkeypatch):
     monkeypatch.setattr(module, name, planted)
 
     with pytest.raises(BrokenError, match=said) as broken:
-        Search().run(2, pairs_per_class=1, pairs_every=3)
+        Search().run(2, pairs_per_class=1, pairs_every=6)
 
     assert "\n  off: nothing" in str(broken.value)
 
