@@ -120,7 +120,13 @@ def in_few_steps(run: Source, robot: Robot) -> Calibration:
 
 
 @pytest.fixture(scope="module")
-def shipped():
+def windups():
+    """What the calibration of `shipped` has found of its transmissions, each time it looked."""
+    return []
+
+
+@pytest.fixture(scope="module")
+def shipped(windups):
     """A machine with one spring weak, a glitch, a hole; a calibration that begins 40 % off.
 
     The hip's friction rises along it, and its drive shows a torque at none.
@@ -137,7 +143,14 @@ def shipped():
     rows[500, 1] += 0.3
     rows[900:903, 2] = np.nan
     run = run._replace(recording=recording("glitch.csv", rows))
-    return run, in_few_steps(run, file_off())
+
+    def looked(*words):
+        windups.append(softness(*words))
+        return windups[-1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("analysis.calibration.session.softness", looked)
+        return run, in_few_steps(run, file_off())
 
 
 @pytest.fixture(scope="module")
@@ -378,9 +391,10 @@ def test_an_offset_beside_a_spring_is_in_the_spring_s_rest(shipped):
     assert (offset.value, rest.value) == (0.0, pytest.approx(shifted_rad, abs=rest.half_interval))
 
 
-def test_a_rigid_machine_keeps_the_transmissions_of_its_file(shipped):
+def test_a_rigid_machine_keeps_the_transmissions_of_its_file(shipped, windups):
     _, made = shipped
 
+    assert windups == [{}]
     assert [one.reason for one in made.transmission] == [AS_GIVEN] * 4
     assert made.robot.transmission == file_off().transmission
     assert not [key for key in made.values("x") if "transmission" in key]
