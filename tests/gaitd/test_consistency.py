@@ -139,9 +139,7 @@ def test_the_same_seeds_give_the_same_numbers(empty):
     assert np.array_equal(one.within_ratio, other.within_ratio)
 
 
-def test_the_command_prints_and_writes_what_it_measured_and_ends_with_0(
-    tmp_path, monkeypatch
-):
+def test_the_command_prints_and_writes_what_it_measured_and_ends_with_0(tmp_path, monkeypatch):
     monkeypatch.setattr(study, "LEVEL_RATIOS", (0.9, 1.0))
     ran = gaitd("consistency", "--runs", 12, "--seeds", 1, "--output", tmp_path, "--json")
 
