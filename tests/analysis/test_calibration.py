@@ -229,9 +229,9 @@ def test_bristles_are_found_from_a_file_that_has_none(bristled):
     assert set(made.values("x")) >= {*made.tuning, "friction.hip.bristle_stiffness_nm_per_rad"}
 
 
-@pytest.mark.parametrize("axis", [0, 1], ids=["hip", "slide"])
-def test_the_bristles_of_the_plant_explain_its_motion_best(axis):
-    """Both axes count, without a search. Less damping than the plant's is hardly told from it."""
+@pytest.fixture(scope="module")
+def plants_bristles():
+    """The likelihood of a motion on bristles as a function of their values, and the plant's."""
     given, _ = with_bristles(robot_file(), (0, 1))
     motion = prepare([bristled_run(slide=True, duration_s=12.0).recording])
     frame = frame_of(given, middle_of(motion))
@@ -241,14 +241,20 @@ def test_the_bristles_of_the_plant_explain_its_motion_best(axis):
         true[[place, place + 2]] = law.coulomb, law.viscous
         true[place + BRISTLES.start : place + LAW_SIZE] = law.stiffness, law.damping
     true = like_fitted(frame, true, motion)
+    return lambda natural: likelihood.surprises(frame.free(natural)).loss, true
 
-    loss = likelihood.surprises(frame.free(true)).loss
+
+@pytest.mark.parametrize("axis", [0, 1], ids=["hip", "slide"])
+def test_the_bristles_of_the_plant_explain_its_motion_best(axis, plants_bristles):
+    """Both axes count, without a search. Less damping than the plant's is hardly told from it."""
+    loss_of, true = plants_bristles
+    loss = loss_of(true)
 
     stiffness, damping = range(axis * LAW_SIZE, (axis + 1) * LAW_SIZE)[BRISTLES]
     for place, factor in ((stiffness, 0.4), (stiffness, 2.5), (damping, 2.5)):
         other = true.copy()
         other[place] *= factor
-        assert likelihood.surprises(frame.free(other)).loss > loss + 1.0
+        assert loss_of(other) > loss + 1.0
 
 
 def test_bristles_are_tried_and_not_used_where_the_plant_has_the_paper_s_law(shipped):
