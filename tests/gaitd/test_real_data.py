@@ -94,7 +94,6 @@ def tables(recordings, tmp_path_factory):
         # Other starts, and searches that go on, are those of tests/analysis.
         patch.setattr("analysis.calibration.fit.START_ENCODERS", (1.0,))
         patch.setattr("analysis.calibration.fit.STEPS_MAX", 6)
-        patch.setattr("analysis.calibration.fit.FINE_SUBSTEPS", 5)
         patch.setattr("gaitd_lab.studies.real_data.measured_patient.SEEDS", 1)
         patch.setattr("gaitd_lab.studies.real_data.measured_patient.STRIDES", 8)
         patch.setattr("gaitd_lab.studies.real_data.study.CADENCES_HZ", (0.5,))
