@@ -137,7 +137,9 @@ def test_two_optima_that_explain_a_recording_equally_well_are_refused(run, tmp_p
 
     monkeypatch.setattr(fit, "_walk", stays)
     monkeypatch.setattr(fit, "_unidentified", lambda *_: {})
+    monkeypatch.setattr(fit, "START_LAWS", ((1.0, 1.0, 1.0, 1.0),))
     monkeypatch.setattr(session, "CANDIDATES", ())
+    monkeypatch.setattr(session, "softness", lambda *_: {})
     monkeypatch.setattr(session, "no_better_than_eq_11", lambda *_: "bristles are not meant here")
     monkeypatch.setattr(fit, "robust_covariance", lambda _each, fisher, _rows: 0.0 * fisher)
     recorded = write_csv(run, tmp_path / "run.csv")

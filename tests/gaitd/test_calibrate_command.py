@@ -20,6 +20,8 @@ def recorded(tmp_path):
 def test_a_calibration_writes_a_robot_file_and_a_page(recorded, tmp_path, monkeypatch):
     # Other starts, and searches that go on, are those of tests/analysis.
     monkeypatch.setattr("analysis.calibration.fit.START_ENCODERS", (1.0,))
+    monkeypatch.setattr("analysis.calibration.fit.START_BRISTLES", ((1.0, 1.0, 1.0),))
+    monkeypatch.setattr("analysis.calibration.fit.FINE_SUBSTEPS", 5)
     monkeypatch.setattr("analysis.calibration.fit.STEPS_MAX", 1)
     monkeypatch.setattr("analysis.calibration.fit.NOISE_STEPS_MAX", 1)
     before = tmp_path / "before.toml"

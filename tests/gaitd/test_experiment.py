@@ -15,6 +15,7 @@ from analysis.recording import Recording
 from analysis.replay import Source, estimate, setup_for
 from daemon.ipc.transport import RING_NAME, RingHeader, RingWriter
 from gaitd_lab.excitation import EmptyMachine, NotPlayedError
+from gaitd_lab.studies import report
 from gaitd_lab.studies.experiment import study
 from gaitd_lab.studies.experiment.claims import CLAIMS, claims_table, spread_of
 from gaitd_lab.studies.experiment.figures import draw_axis, draw_details
@@ -332,7 +333,17 @@ def test_the_command_prints_its_numbers_beside_their_targets_and_draws_the_paper
         told(seconds)
         return recorded[scenario]
 
+    delays = []
+
+    def measured(machine, found, told):
+        """Both seeds have the same recordings here."""
+        delays.append(delays[0] if delays else measure_delays(machine, found, told))
+        return delays[-1]
+
+    measure_delays = EmptyMachine.delays
+    monkeypatch.setattr(EmptyMachine, "delays", measured)
     monkeypatch.setattr(EmptyMachine, "play", play)
+    monkeypatch.setattr(report, "DPI", 20)
     gait = [Row(f"gait at {hz:g} Hz: time at rest", 1.0, 9.0, "%", "%") for hz in CADENCES_HZ]
     monkeypatch.setattr(study, "_gait_rows", lambda *_: {"right": gait})
     folder = tmp_path / "new" / "folder"

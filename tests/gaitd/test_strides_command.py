@@ -21,7 +21,7 @@ from observer.strides import strides_of
 
 
 def test_a_walk_is_measured_from_its_second_stride_on():
-    walk = Trials(CONFIGS / "demo.toml").gait(Situation(cadence_hz=0.5, programme="active"), 14.0)
+    walk = Trials(CONFIGS / "demo.toml").gait(Situation(cadence_hz=0.5, programme="active"), 11.0)
 
     figures = measure(walk, walk.robot)
 
@@ -43,7 +43,7 @@ def test_a_walk_is_measured_from_its_second_stride_on():
 def test_the_table_has_median_and_range_of_all_seeds(tmp_path, monkeypatch):
     figures = [{"filter, rms error": (one, 2.0 * one)} for one in (0.3, 0.1, 0.2)]
     monkeypatch.setattr(study, "cases", lambda *_: [Case(Situation(programme="active"), figures)])
-    monkeypatch.setattr(study, "DRAWN_S", 5.0)
+    monkeypatch.setattr(study, "DRAWN_S", 3.0)
     files = Table("Wrong files", ("file", "error"), [("leg heavier", measured([1.0, 3.0], "N"))])
     monkeypatch.setattr(study.wrong_file, "table", lambda *_: files)
 
