@@ -112,9 +112,9 @@ def test_it_is_the_difference_to_an_observer_with_a_little_more_friction(walks, 
 def test_samples_that_are_missing_or_rejected_correct_nothing_of_it(walks, estimates_of):
     whole = walks[False]
     position = whole.position.copy()
-    position[300:800:2, 0] = np.nan
-    position[801:1000:2, 1] = np.nan
+    position[np.arange(CYCLES) % 4 > 0, 0] = np.nan
     position[250::90] += (0.1, 0.05)
+    position[800:1000:2, 1] = np.nan
     columns = Columns(whole.time_s, position, whole.effort)
 
     own = run(setup_of(*OWN[:3], SHIPPED), columns)
@@ -144,7 +144,7 @@ def test_a_joint_at_rest_whose_friction_holds_no_more_has_the_breakaway_of_the_o
     ],
     ids=["ripple", "not gated", "RK4"],
 )
-def test_it_has_a_rate_where_the_filter_has_one(walks, tuning):
+def test_it_is_so_with_ripple_without_a_gate_and_with_the_other_map(walks, tuning):
     own, other, _ = PAIRS["level of the slide"]
 
     assert_close(*changes(run, (own, other, tuning), walks[False]), 0.08)
