@@ -57,7 +57,7 @@ OWN: Final = FORECAST + N
 OPEN_SPLIT: Final = OWN + SQUARE
 """Variance of the split that the filter keeps apart (leg_noise.py), and of the friction law."""
 HIDDEN_NET: Final = OPEN_SPLIT + 2
-"""Variance of net that the transmission hides."""
+"""Variance of net that the transmission hides, and what innovations show."""
 ACTED: Final = HIDDEN_NET + 2
 """Efforts of the drives."""
 SENSITIVITY: Final = ACTED + 2
@@ -120,7 +120,7 @@ def store(
             node[COVARIANCE + i * N + j] = total
     for i in range(2):
         node[OPEN_SPLIT + i] = memory.split[i] + memory.law[i]
-        node[HIDDEN_NET + i] = memory.hidden_net[i]
+        node[HIDDEN_NET + i] = memory.hidden_net[i] + memory.unexplained[i]
         node[ACTED + i] = memory.acting[i]
     for k in range(VARIANTS_MAX):
         for i in range(N):

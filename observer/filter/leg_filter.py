@@ -73,6 +73,7 @@ from observer.filter.status import (
     Status,
     Validity,
 )
+from observer.filter.surprise import follow_surprise
 from observer.filter.transmission import hide
 from observer.filter.validity import determine, mark_split_unknown
 from observer.jit import fixed_tuple, inline, kernel
@@ -328,6 +329,8 @@ def advance_by(
         return status | PREDICT_ONLY_BIT, BAD, BAD
     if memory.event == STEPPED:
         _hide(model, options, memory, dt_s)
+        if constants.variant_count > 0:
+            follow_surprise(memory, dt_s)
     _report(model, options, memory, out)
     for i in range(OUT_PASSIVE, OUT_SIZE):
         out[i] = 0.0
@@ -493,9 +496,10 @@ def _measure(
     if count == 1 and picks[0] == 1:
         for row in range(N):
             m.gain[row, 0], m.gain[row, 1] = 0.0, m.gain[row, 0]
+    m.correction[0], m.correction[1] = m.mean[6] - patient_hip, m.mean[7] - patient_slide
     if m.gated_cycles == 0.0:
-        follow_rate(m, 0, m.mean[6] - patient_hip, dt_s)
-        follow_rate(m, 1, m.mean[7] - patient_slide, dt_s)
+        follow_rate(m, 0, m.correction[0], dt_s)
+        follow_rate(m, 1, m.correction[1], dt_s)
     m.gated_cycles = 0.0
     for j in range(count):
         m.predicted[picks[j]] = 0.0
@@ -565,9 +569,9 @@ def _report(model: LegModel, options: Options, m: LegMemory, out: Vector) -> Non
     """Write state, standard deviations, covariance and net efforts to `out`.
 
     The uncertainty of the split is included, that of a joint at rest wherever it is stored
-    (leg_noise.py), that of the friction law, and what the transmission hides. The friction state of
-    an axis with bristles is only their elastic part; all of its friction is written, as it acts in
-    the coming cycle at the estimated velocity.
+    (leg_noise.py), that of the friction law, what the transmission hides, and what innovations show
+    beyond all that. The friction state of an axis with bristles is only their elastic part; all of
+    its friction is written, as it acts in the coming cycle at the estimated velocity.
     """
     m.law[0] = law_variance(model.hip, options.law_hip, m.mean[2]) + m.hidden_friction[0]
     m.law[1] = law_variance(model.slide, options.law_slide, m.mean[3]) + m.hidden_friction[1]
@@ -585,13 +589,13 @@ def _report(model: LegModel, options: Options, m: LegMemory, out: Vector) -> Non
             if column >= 4 and (row - column) % 2 == 0:
                 total += m.split[row % 2] + m.law[row % 2]
             if column == row and row >= 6:
-                total += m.hidden_net[row % 2]
+                total += m.hidden_net[row % 2] + m.unexplained[row % 2]
             out[at] = total
             at += 1
         out[OUT_STD + row] = math.sqrt(out[at - 1])
     for axis in range(2):
         out[OUT_NET + axis] = mean[6 + axis] - mean[4 + axis]
-        total = m.hidden_net[axis]
+        total = m.hidden_net[axis] + m.unexplained[axis]
         for k in range(N):
             difference = root[6 + axis, k] - root[4 + axis, k]
             total += difference * difference

@@ -91,6 +91,12 @@ class LegMemory(Protocol):
     hidden_friction: Pair
     """Variances of friction and net that the transmission hides."""
     hidden_net: Pair
+    surprise: Pair
+    """Mean square of each axis' whitened innovations (surprise.py)."""
+    corrected: Pair
+    """Mean square of what samples correct of each patient's effort."""
+    unexplained: Pair
+    """Variance of patient and net that innovations show beyond the filter's own."""
     event: float
     """Effect of this cycle on the estimate: NOTHING, STEPPED or BEGAN; used by the smoother."""
 
@@ -117,6 +123,8 @@ class LegMemory(Protocol):
     """K of this cycle by the samples of hip and slide; 0 of a sample that corrected nothing."""
     carried_rate: Pair
     """Rate of the patient along which this cycle's prediction went."""
+    correction: Pair
+    """What this cycle's samples have corrected of each patient's effort, N m and N."""
     rate_kept: Pair
     """What this cycle has left of the patient's rate before it was corrected, 0..1."""
     rate_gain: Pair
@@ -206,6 +214,7 @@ def _begin(
         m.patient_rate[axis] = 0.0
         m.followed_effort[axis], m.followed_rate[axis] = m.efforts[0, axis], 0.0
         m.hidden_error[axis] = m.hidden_friction[axis] = m.hidden_net[axis] = 0.0
+        m.surprise[axis] = m.corrected[axis] = m.unexplained[axis] = 0.0
     for k in range(VARIANTS_MAX):
         for i in range(N + 2):
             if not (keep and 2 <= i < N):

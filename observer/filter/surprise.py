@@ -1,0 +1,36 @@
+"""What innovations show that the filter's covariance does not hold, in the published sigma.
+
+Where the model is wrong faster than the patient's noise can follow, such as behind a loose or
+elastic transmission that the robot file calls rigid, innovations are several times as large as
+their sigma, and the patient's estimate is thrown to and fro. It is then about as wrong as what each
+sample corrects of it. So sigma of patient and net holds the mean square of these corrections over
+WINDOW_S, from where the mean square of whitened innovations exceeds EXPECTED_MAX, and all of it
+from twice that on. With a rigid machine that mean stays below: there sigma is as it was.
+
+A patient who begins to push surprises the filter as well, and for as long sigma is larger, too.
+As with `considered.py` nothing but what is published reads this, and without parameters that are
+not sure it is 0.
+"""
+
+import math
+from typing import Final
+
+from observer.filter.leg_memory import LegMemory
+from observer.jit import inline
+
+WINDOW_S: Final = 0.1
+EXPECTED_MAX: Final = 2.0
+"""The mean square of white innovations is 1, and over WINDOW_S hardly ever twice that."""
+
+
+@inline
+def follow_surprise(m: LegMemory, dt_s: float) -> None:
+    """Advance the means of both axes, and the variance that they add, by a finished step."""
+    share = 1.0 - math.exp(-dt_s / WINDOW_S)
+    for axis in range(2):
+        if m.predicted[axis] == 0.0:
+            whitened, correction = m.whitened[axis], m.correction[axis]
+            m.surprise[axis] += share * (whitened * whitened - m.surprise[axis])
+            m.corrected[axis] += share * (correction * correction - m.corrected[axis])
+        beyond = m.surprise[axis] / EXPECTED_MAX - 1.0
+        m.unexplained[axis] = min(max(beyond, 0.0), 1.0) * m.corrected[axis]
