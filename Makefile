@@ -63,7 +63,7 @@ quick: $(VENV)/dev.stamp  ## lint, types, import contracts, unit tests of drives
 # no processor waits.
 test: clean-steps $(VENV)/dev.stamp  ## all that a contributor must pass; prints its CPU-seconds
 	@$(MAKE) --no-print-directory check > $(CHECKS) 2>&1 & \
-	$(MAKE) --no-print-directory kernels || exit 1; wait $$!; checks=$$?; \
+	$(MAKE) --no-print-directory kernels || { wait $$!; cat $(CHECKS); exit 1; }; wait $$!; checks=$$?; \
 	$(MAKE) --no-print-directory coverage >> $(CHECKS) 2>&1 & \
 	$(MAKE) --no-print-directory pytest; tests=$$?; \
 	wait $$! && test $$checks = 0 || { cat $(CHECKS); exit 1; }; exit $$tests

@@ -96,7 +96,7 @@ class LegMemory(Protocol):
     corrected: Pair
     """Mean square of what samples correct of each patient's effort."""
     unexplained: Pair
-    """Variance of patient and net that innovations show beyond the filter's own."""
+    """Variance of patient and net that innovations show, beyond what is hidden."""
     event: float
     """Effect of this cycle on the estimate: NOTHING, STEPPED or BEGAN; used by the smoother."""
 

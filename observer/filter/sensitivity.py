@@ -97,7 +97,7 @@ def follow_friction(
         _correct(m, s)
         _hold(model.hip, hip, m, 0, s)
         _hold(model.slide, slide, m, 1, s)
-        _keep_finite(s)
+        _keep_finite(s, m.forecast_sensitivity[k])
 
 
 @inline
@@ -171,7 +171,7 @@ def _hold(
 
 
 @inline
-def _keep_finite(s: Vector) -> None:
+def _keep_finite(s: Vector, forecast: Vector) -> None:
     """Begin anew after numbers that no law of an axis gives."""
     total = 0.0
     for i in range(RATE + 2):
@@ -179,3 +179,5 @@ def _keep_finite(s: Vector) -> None:
     if not math.isfinite(total):
         for i in range(RATE + 2):
             s[i] = 0.0
+        for i in range(N):
+            forecast[i] = 0.0

@@ -5,11 +5,13 @@ elastic transmission that the robot file calls rigid, innovations are several ti
 their sigma, and the patient's estimate is thrown to and fro. It is then about as wrong as what each
 sample corrects of it. So sigma of patient and net holds the mean square of these corrections over
 WINDOW_S, from where the mean square of whitened innovations exceeds EXPECTED_MAX, and all of it
-from twice that on. With a rigid machine that mean stays below: there sigma is as it was.
+from twice that on. What `transmission.py` has added to net already is taken off. With a machine
+that is as its file says that mean stays below: there sigma is as it was. Samples that are missing
+or rejected do not count; the noise of a push covers those.
 
 A patient who begins to push surprises the filter as well, and for as long sigma is larger, too.
-As with `considered.py` nothing but what is published reads this, and without parameters that are
-not sure it is 0.
+Gate, innovations, validity and stops do not read this; the friction monitor and clients do, as
+all of sigma. Without parameters that are not sure it is 0.
 """
 
 import math
@@ -33,4 +35,5 @@ def follow_surprise(m: LegMemory, dt_s: float) -> None:
             m.surprise[axis] += share * (whitened * whitened - m.surprise[axis])
             m.corrected[axis] += share * (correction * correction - m.corrected[axis])
         beyond = m.surprise[axis] / EXPECTED_MAX - 1.0
-        m.unexplained[axis] = min(max(beyond, 0.0), 1.0) * m.corrected[axis]
+        shown = min(max(beyond, 0.0), 1.0) * m.corrected[axis]
+        m.unexplained[axis] = max(shown - m.hidden_net[axis], 0.0)

@@ -5,8 +5,9 @@ import pytest
 
 from observer.filter.considered import NOTHING_KNOWN, Slopes, Variant, known_of
 from observer.filter.leg_model import Integrator
-from observer.filter.leg_observer import setup_of, with_baseline
+from observer.filter.leg_observer import LegObserver, setup_of, with_baseline
 from observer.filter.status import Status, Validity
+from observer.leg_smoother import LegSmoother
 from observer.mechanism.friction import OverPosition
 from observer.offline.batch import Columns, run
 from observer.offline.smooth_batch import run_smoothed
@@ -148,3 +149,19 @@ def test_it_is_so_with_ripple_without_a_gate_and_with_the_other_map(walks, tunin
     own, other, _ = PAIRS["level of the slide"]
 
     assert_close(*changes(run, (own, other, tuning), walks[False]), 0.08)
+
+
+def test_a_derivative_that_is_no_number_begins_anew_also_in_the_smoother(walks):
+    own, other, tuning = PAIRS["level of the slide"]
+    leg = LegObserver(*own[:3], tuning, [other])
+    smoother = LegSmoother(leg)
+    memory, _ = leg.buffers
+    leg.reset(walks[False].position[0])
+    samples = zip(walks[False].position[:100], walks[False].effort[:100], strict=True)
+    for number, (position, effort) in enumerate(samples):
+        if number == 50:
+            memory[0]["sensitivity"][0, :] = np.nan
+        estimate = leg.step(position, effort, 0.01)
+        smooth = smoother.add(estimate, effort, 0.01)
+        assert np.isfinite(estimate.std).all()
+        assert smooth is None or np.isfinite(smooth).all()

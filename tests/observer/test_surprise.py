@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from observer.filter.considered import Drives, Variant
+from observer.filter.leg_filter import OUT_SIZE, advance
 from observer.filter.leg_observer import setup_of
 from observer.filter.status import Validity
-from observer.offline.batch import run
+from observer.offline.batch import begun_memory, run
 from observer.offline.smooth_batch import run_smoothed
 from tests.observer.trainer import (
     HIP,
@@ -47,27 +48,90 @@ def walked(patient):
     return simulate(PATIENT, CYCLES, reference=path, patient=patient)
 
 
-def seen(truth, variants, estimates_of=run):
-    """Errors of the patient and their sigma, where both axes are valid."""
-    setup = setup_of(PATIENT, HIP, SLIDE_FRICTION, SHIPPED, variants)
-    found = estimates_of(setup, encoded(truth))
-    rows = (truth.time_s > SETTLED_S) & (found.validity == Validity.OK).all(axis=1)
-    return (found.state - truth.state)[rows, 6:8], found.std[rows, 6:8]
+def seen(columns, variants, estimates_of=run, tuning=SHIPPED):
+    setup = setup_of(PATIENT, HIP, SLIDE_FRICTION, tuning, variants)
+    return estimates_of(setup, columns)
+
+
+def valid(columns, found):
+    return (columns.time_s > SETTLED_S) & (found.validity == Validity.OK).all(axis=1)
+
+
+@pytest.fixture(scope="module")
+def swings():
+    truth = walked(jerky)
+    return truth, encoded(truth)
 
 
 @pytest.mark.parametrize("estimates_of", [run, run_smoothed])
-def test_sigma_holds_swings_that_the_filter_cannot_follow(estimates_of):
-    truth = walked(jerky)
+def test_sigma_holds_swings_that_the_filter_cannot_follow(swings, estimates_of):
+    truth, columns = swings
 
     for variants, missed_min, missed_max in (((), 0.1, 1.0), ([ALMOST_SURE], 0.0, 0.025)):
-        error, std = (values[:, 0] for values in seen(truth, variants, estimates_of))
+        found = seen(columns, variants, estimates_of)
+        rows = valid(columns, found)
+        error, std = (found.state - truth.state)[rows, 6], found.std[rows, 6]
         assert missed_min <= np.mean(np.abs(error) > 3.0 * std) <= missed_max
         assert rms(std) < 1.1 * rms(error)
 
 
-def test_sigma_of_a_machine_that_is_as_its_file_says_is_as_it_was():
-    truth = walked(active)
-    (_, own), (_, wide) = seen(truth, ()), seen(truth, [ALMOST_SURE])
+@pytest.mark.parametrize("estimates_of", [run, run_smoothed])
+def test_patient_and_net_of_that_axis_are_less_sure_and_nothing_else(swings, estimates_of):
+    _, columns = swings
+    own, wide = seen(columns, (), estimates_of), seen(columns, [ALMOST_SURE], estimates_of)
 
-    assert np.mean(wide > 1.001 * own) < 0.005
-    assert rms(wide) == pytest.approx(rms(own), rel=1e-3)
+    for name in ("state", "net", "innovation", "nis", "status", "validity"):
+        np.testing.assert_array_equal(getattr(wide, name), getattr(own, name))
+    np.testing.assert_allclose(wide.std[:, :6], own.std[:, :6], rtol=1e-9)
+    rows = valid(columns, own)
+    patient, net = wide.std**2 - own.std**2, wide.net_std**2 - own.net_std**2
+    np.testing.assert_allclose(patient[rows, 6], net[rows, 0], rtol=1e-6, atol=1e-9)
+    assert patient[rows, 6].max() > 1.0
+    assert rms(wide.std[rows, 7]) == pytest.approx(rms(own.std[rows, 7]), rel=0.02)
+
+
+def test_what_the_transmission_hides_already_is_not_added_again(swings):
+    _, columns = swings
+    hides = SHIPPED._replace(compliance=(1.0 / 800.0, 0.0))
+    own, wide = (seen(columns, some, tuning=hides) for some in ((), [ALMOST_SURE]))
+    _, rigid = (seen(columns, some) for some in ((), [ALMOST_SURE]))
+
+    rows = valid(columns, own)
+    added = (wide.std**2 - own.std**2)[rows, 6]
+    assert rms(wide.std[rows, 6]) >= rms(rigid.std[rows, 6])
+    assert rms(added) < rms(rigid.std[rows, 6] ** 2)
+
+
+def test_sigma_of_a_machine_that_is_as_its_file_says_is_as_it_was():
+    columns = encoded(walked(active))
+    own, wide = seen(columns, ()), seen(columns, [ALMOST_SURE])
+
+    rows = valid(columns, own)
+    assert np.mean(wide.std[rows] > 1.001 * own.std[rows]) < 0.005
+    assert rms(wide.std[rows, 6:8]) == pytest.approx(rms(own.std[rows, 6:8]), rel=1e-3)
+
+
+def test_after_a_restart_nothing_of_a_swing_is_left(swings):
+    _, columns = swings
+    setup = setup_of(PATIENT, HIP, SLIDE_FRICTION, SHIPPED, [ALMOST_SURE])
+    memory, points = begun_memory(setup, columns)
+    effort, position = columns.effort.tolist(), columns.position.tolist()
+    out = np.empty(OUT_SIZE)
+    for row in range(520):
+        advance(
+            setup,
+            memory,
+            points,
+            tuple(position[row]),
+            tuple(effort[row]),
+            (0.0, 0.0),
+            0.01,
+            0,
+            out,
+        )
+    assert memory[0]["unexplained"][0] > 0.1
+
+    advance(
+        setup, memory, points, tuple(position[520]), tuple(effort[520]), (0.0, 0.0), 10.0, 0, out
+    )
+    assert memory[0]["unexplained"][0] == memory[0]["surprise"][0] == 0.0

@@ -4,6 +4,7 @@ The rule of the design: a gateway that is silent for 300 ms makes the core stop 
 does not matter, whoever it is that speaks again.
 """
 
+import contextlib
 import socket
 
 import pytest
@@ -45,6 +46,13 @@ def cycles_later(service, count=SHOWN_CYCLES):
     service.until(lambda record: record.seq >= first + count)
 
 
+def forget(supervisor):
+    """Drop what was told before."""
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            supervisor.recv(4096, socket.MSG_DONTWAIT)
+
+
 def replace_gateway(service, folder):
     """Kill the gateway; another one has begun when AWAY_CYCLES have passed without any."""
     before = service.parts["gateway"]
@@ -64,9 +72,12 @@ def replace_gateway(service, folder):
             # It knows the core by a record, and sends its first state before it says so. On a busy
             # computer it may look for a record only after the first cycle.
             for _ in range(TRIED_CYCLES):
+                forget(supervisor)
                 service.run(PERIOD_S)
                 if KNOWS_THE_CORE in supervisor.recv(4096):
                     break
+            else:
+                pytest.fail("the gateway has not read a record of the core")
         service.wait(lambda: service.request("status").get("safety", {}).get("valid"), TIMEOUT_S)
 
 
