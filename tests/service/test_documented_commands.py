@@ -32,7 +32,7 @@ class Run(NamedTuple):
 
 RUN: Final = {
     r"gaitd scan --config .*": Run(None),
-    r"gaitd drive \S+ compare .*": Run(None, (0, 1)),  # differs by a target torque that is not 0
+    r"gaitd drive \S+ compare .*": Run(Mode.READY),
     r"gaitd status( --config .*)?": Run(None),
     r"gaitd enable( --config trainer.toml)?": Run(Mode.READY),
     r"gaitd mode (hand_guiding|gait .*|excite .*)": Run(Mode.HOLD),
