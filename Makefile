@@ -62,11 +62,9 @@ quick: $(VENV)/dev.stamp  ## lint, types, import contracts, unit tests of drives
 # The static checks run while the kernels are compiled, and then the gates beside the tests, so that
 # no processor waits.
 test: clean-steps $(VENV)/dev.stamp  ## all that a contributor must pass; prints its CPU-seconds
-	@$(MAKE) --no-print-directory check > $(CHECKS) 2>&1 & \
-	$(MAKE) --no-print-directory kernels || { wait $$!; cat $(CHECKS); exit 1; }; wait $$!; checks=$$?; \
-	$(MAKE) --no-print-directory coverage >> $(CHECKS) 2>&1 & \
-	$(MAKE) --no-print-directory pytest; tests=$$?; \
-	wait $$! && test $$checks = 0 || { cat $(CHECKS); exit 1; }; exit $$tests
+	@$(MAKE) --no-print-directory check coverage > $(CHECKS) 2>&1 & \
+	$(MAKE) --no-print-directory kernels pytest; tests=$$?; \
+	wait $$! || { cat $(CHECKS); exit 1; }; exit $$tests
 
 # The virtual machine and the container, side by side; what the container says is printed at the end.
 CONTAINER := $(VENV)/container.log

@@ -6,13 +6,10 @@ tracing these costs most, and which branch is drawn may change. `scripts/mutants
 file, and runs the tests of its row for each change.
 
 `make test` runs these tests here only; `make test-all` runs them with compiled kernels, too.
-Gated kernels run as plain Python: what numba compiles is neither traced nor, once cached, changed.
-Those of the observer, which has no gate, are compiled as in the service: they take most of the time
-otherwise. For a mutant all run as plain Python.
+Kernels run as plain Python: what numba compiles is neither traced nor, once cached, changed.
 """
 
 import os
-import pkgutil
 import sys
 from collections.abc import Generator
 from contextlib import nullcontext
@@ -172,17 +169,6 @@ def without_compiled_kernels() -> None:
     os.environ["NUMBA_DISABLE_JIT"] = "1"
 
 
-def compile_the_observer_alone() -> None:
-    """Have numba compile what is decorated in `observer`, and nothing later."""
-    import numba  # noqa: PLC0415 - `scripts/mutants.py` needs only the tables
-
-    import observer  # noqa: PLC0415
-
-    for module in pkgutil.walk_packages(observer.__path__, f"{observer.__name__}."):
-        import_module(module.name)
-    numba.config.DISABLE_JIT = True
-
-
 def ignored() -> str:
     """Options with which pytest leaves out the files that the gate runs as a whole."""
     tests = {test for tests in UNIT_TESTS.values() for test in tests}
@@ -195,7 +181,7 @@ def main() -> int:
     import pytest  # noqa: PLC0415
 
     os.chdir(PROJECT)
-    compile_the_observer_alone()
+    without_compiled_kernels()
     measured = coverage.Coverage(include=list(UNIT_TESTS))
     with measured.collect():
         for file in UNIT_TESTS:
