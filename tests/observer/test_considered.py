@@ -15,6 +15,7 @@ from tests.observer.trainer import (
     PATIENT,
     SLIDE_FRICTION,
     TUNING,
+    active,
     encoded,
     gait,
     rms,
@@ -61,12 +62,6 @@ OTHERS = {
         PATIENT, HIP, SLIDE_FRICTION, slopes=Slopes(slide_per_m=0.5)
     ),
 }
-
-
-def active(time_s):
-    return np.column_stack(
-        (6.0 * np.sin(np.pi * time_s / 2.0), 30.0 * np.cos(np.pi * time_s / 2.0))
-    )
 
 
 @pytest.fixture(scope="module")

@@ -19,6 +19,7 @@ from tests.observer.trainer import (
     SLIDE_BRISTLES,
     SLIDE_FRICTION,
     TUNING,
+    active,
     encoded,
     gait,
     rms,
@@ -64,12 +65,6 @@ PAIRS = {
         FOR_BRISTLES,
     ),
 }
-
-
-def active(time_s):
-    return np.column_stack(
-        (6.0 * np.sin(np.pi * time_s / 2.0), 30.0 * np.cos(np.pi * time_s / 2.0))
-    )
 
 
 def walked(*, bristles: bool):

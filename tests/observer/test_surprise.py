@@ -14,6 +14,7 @@ from tests.observer.trainer import (
     PATIENT,
     SLIDE_FRICTION,
     TUNING,
+    active,
     encoded,
     gait,
     rms,
@@ -28,12 +29,6 @@ SETTLED_S = 4.0
 JERK_NM = 30.0
 JERK_HZ = 20.0
 JERK_FADES_S = 0.1
-
-
-def active(time_s):
-    return np.column_stack(
-        (6.0 * np.sin(np.pi * time_s / 2.0), 30.0 * np.cos(np.pi * time_s / 2.0))
-    )
 
 
 def jerky(time_s):

@@ -197,6 +197,13 @@ GUIDANCE = (400.0, 15.0, 8000.0, 250.0)
 """Impedance: N m/rad, N m s/rad, N/m, N s/m."""
 
 
+def active(time_s):
+    """A patient who works through a gait at 0.25 Hz: N m and N, (n, 2)."""
+    return np.column_stack(
+        (6.0 * np.sin(np.pi * time_s / 2.0), 30.0 * np.cos(np.pi * time_s / 2.0))
+    )
+
+
 def simulate(
     leg,
     cycles,
