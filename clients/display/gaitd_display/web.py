@@ -376,13 +376,15 @@ class Server(uvicorn.Server):
     """Ends in order whatever comes after the first signal: the session switches its drives off."""
 
     def __init__(self, app: ASGIApp, web: Web) -> None:
-        """Bind, so that a port in use is known before anything begins.
+        """Listen, so that a port in use is known before anything begins.
+
+        A client that connects before the start is accepted after it.
 
         Raises:
-            OSError: the address cannot be bound.
+            OSError: the address cannot be used.
         """
         self._connections = Connections(app)
-        self._listeners = _bind(web)
+        self._listeners = _listening(web)
         self._accepting = contextlib.AsyncExitStack()
         super().__init__(
             uvicorn.Config(
@@ -417,8 +419,6 @@ class Server(uvicorn.Server):
         protocol = functools.partial(
             make, config=config, server_state=self.server_state, app_state=self.lifespan.state
         )
-        for listener in self._listeners:
-            listener.listen(BACKLOG)
         accept = self._connections.accept(self._listeners, protocol, config.ssl)
         await self._accepting.enter_async_context(working(accept))
         scheme = "https" if config.is_ssl else "http"
@@ -432,19 +432,23 @@ class Server(uvicorn.Server):
         await super().shutdown(sockets)
 
 
-def _bind(web: Web) -> list[socket.socket]:
-    """Return the bound sockets of an address; a name may have several."""
+def _listening(web: Web) -> list[socket.socket]:
+    """Return the sockets that listen at an address; a name may have several.
+
+    Linux lets two sockets with SO_REUSEADDR bind one port while none of them listens.
+    """
     found = socket.getaddrinfo(web.host, web.port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
-    bound: list[socket.socket] = []
+    listeners: list[socket.socket] = []
     for family, *_, address in found:
         listener = socket.socket(family, socket.SOCK_STREAM)
-        bound.append(listener)
+        listeners.append(listener)
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         if family is socket.AF_INET6:
             listener.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
         listener.setblocking(False)
         listener.bind(address)
-    return bound
+        listener.listen(BACKLOG)
+    return listeners
 
 
 def serve(app: ASGIApp, web: Web) -> None:

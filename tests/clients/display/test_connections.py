@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import datetime
 import errno
+import http.client
 import json
 import os
 import resource
@@ -11,6 +12,7 @@ import socket
 import ssl
 import subprocess
 import sys
+import threading
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -32,11 +34,12 @@ from gaitd_display.connections import (
 )
 from gaitd_display.feed import PAGES_MAX
 from gaitd_display.patient import PatientServer
-from gaitd_display.web import STOPS_MAX
+from gaitd_display.web import STOPS_MAX, Server
 from starlette.requests import Request
 from websockets.asyncio.client import connect
 
 from daemon.keys.certificates import new_authority, new_certificate
+from gaitd_lab.processes import free_port
 
 IDLE_COUNT = 400
 ROOM = 160
@@ -187,6 +190,25 @@ def unverified():
     context = ssl.create_default_context()
     context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
     return context
+
+
+def test_a_server_that_has_not_begun_holds_its_port_and_keeps_who_comes(trainer, tmp_path):
+    table = bench.patient_table(tmp_path)
+    table["web"]["port"] = port = free_port()
+    settings = bench.settings_of(tmp_path, table, rig.KINDS["patient"])
+    app = PatientServer(settings, trainer, trainer.clock).app
+    server = Server(app, settings.web)
+
+    with pytest.raises(OSError, match="in use"):
+        Server(app, settings.web)
+    with contextlib.closing(http.client.HTTPConnection("127.0.0.1", port, timeout=60)) as early:
+        early.request("GET", "/")
+        thread = threading.Thread(target=server.run)
+        thread.start()
+        status = early.getresponse().status
+    server.should_exit = True
+    thread.join()
+    assert status == 200
 
 
 def test_a_stop_arrives_while_400_connections_say_nothing_and_pages_go_on(
