@@ -3,11 +3,12 @@
 The machine stays as it is, and the observer gets a file with other numbers. So one walk with a
 passive patient, from which the baseline comes, and one with an active patient do for all rows of a
 rigid machine. A machine whose transmission gives way walks on its own, with the file of a rigid one
-and with one that says so.
+and with one that says so; so does one whose friction has fallen since its baseline.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Final, NamedTuple, TypeVar
 
@@ -59,6 +60,12 @@ CADENCES_HZ: Final = (0.25, 0.35)
 """The baseline is that of the first one."""
 SIGMAS: Final = 3.0
 UNITS: Final = ("N·m", "N")
+SLOPE_SI: Final = 0.45
+"""1/rad or 1/m: friction rises by 15 % from the middle of the gait to its end."""
+FALLS_RATIO: Final = 0.25
+FALLS_S: Final = 600.0
+AGES_S: Final = (60.0, 180.0, 300.0, 420.0, 540.0)
+"""The middle of each piece of `FALLS_S`, for which a walk stands: friction is constant in it."""
 DRAWS: Final = 200
 DRAWN_SEED: Final = 44
 
@@ -102,6 +109,16 @@ def more_friction(robot: Robot, ratio: float) -> Robot:
     return replace(robot, friction=replace(robot.friction, hip=hip, slide=slide))
 
 
+def rising_friction(robot: Robot, slope_si: float) -> Robot:
+    """The file of a machine whose friction rises along both axes."""
+    over = robot.friction_over_position
+    hip, slide = (
+        replace(over.hip, slope_per_rad=slope_si),
+        replace(over.slide, slope_per_m=slope_si),
+    )
+    return replace(robot, friction_over_position=replace(over, hip=hip, slide=slide))
+
+
 def reclined(robot: Robot, by_deg: float) -> Robot:
     """The file of a trunk that reclines more."""
     geometry = robot.geometry
@@ -122,6 +139,7 @@ FILES: Final[Mapping[str, Callable[[Robot], File]]] = {
     "leg 15 % lighter": lambda robot: File(heavier(robot, 0.85)),
     "hip spring 10 % stiffer": lambda robot: File(stiffer_hip(robot, 1.1)),
     "friction 20 % more": lambda robot: File(more_friction(robot, 1.2)),
+    "friction 15 % over position": lambda robot: File(rising_friction(robot, SLOPE_SI)),
     "torque offset 1 N·m": lambda robot: File(robot, 1.0),
     "recline 1°": lambda robot: File(reclined(robot, 1.0)),
     "everything a little": a_little_of_all,
@@ -210,6 +228,7 @@ def table(
         for name, changed in FILES.items():
             rows += _rows(name + leg, own, [changed], _same, begin)
         rows += _rows(f"{DRAWS} draws from [uncertainty]{leg}", own, draws, _same, begin)
+    rows += _falling_rows(config, seeds, rigid, begin)
     for name, machine in MACHINES.items():
         for leg, own in walks(machine.transmission, name).items():
             true = partial(replace, transmission=machine.file)
@@ -272,6 +291,36 @@ def _rows(
                 all_name = f"all samples of {name}"
                 rows.append((all_name, f"{cadence_hz:g} Hz", how, *_cells([_as_one(found)])))
     return rows
+
+
+def _falling_rows(
+    config: Path,
+    seeds: Sequence[int],
+    rigid: Mapping[str, _Walks],
+    begin: Callable[[str], Callable[[float], None]],
+) -> list[tuple[Cell, ...]]:
+    """Rows of friction that falls after the baseline, all samples of its fall as one."""
+    found: dict[tuple[str, float, str], list[tuple[Values, Values]]] = {}
+    for cadence_hz, age_s, (number, seed) in product(CADENCES_HZ, AGES_S, enumerate(seeds)):
+        ratio = 1.0 - FALLS_RATIO * age_s / FALLS_S
+        fallen = Trials(config, more_friction(Trials(config).robot, ratio), seed=seed)
+        told = begin(f"friction falls, {age_s:g} s after the baseline, {cadence_hz:g} Hz")
+        situation = Situation(cadence_hz=cadence_hz, programme="active")
+        walked = fallen.gait_of_legs(situation, WALK_S, told)
+        for (leg, own), trial in zip(rigid.items(), walked.values(), strict=True):
+            passive = own.passive[number]
+            file = File(passive.robot)
+            for how, one, setup in (
+                ("without", file, _setup(file)),
+                ("with", file, _with_minute(file, passive, age_s)),
+                ("the true file", File(trial.robot), filter_setup(trial.robot)),
+            ):
+                found.setdefault((leg, cadence_hz, how), []).append(_errors(trial, one, setup))
+    name = f"friction falls by {100 * FALLS_RATIO:g} % in {FALLS_S / 60:g} minutes"
+    return [
+        (name + leg, f"{cadence_hz:g} Hz", how, *_cells([_as_one(errors)]))
+        for (leg, cadence_hz, how), errors in found.items()
+    ]
 
 
 def _shown(every: Sequence[T], told: Callable[[float], None]) -> Iterator[T]:
@@ -339,10 +388,11 @@ def _setup(file: File, of_minute: Known = NOTHING_KNOWN) -> Setup:
     return with_baseline(setup_of(off.leg, off.hip, off.slide, tuning, unsure), of_minute)
 
 
-def _with_minute(file: File, passive: Trial) -> Setup:
+def _with_minute(file: File, passive: Trial, age_s: float = 0.0) -> Setup:
+    """The observer with a baseline that was taken `age_s` ago."""
     columns = _columns(passive, file)
     smooth = run_smoothed(_setup(file), columns)
-    return _setup(file, known(baseline_of(smooth, columns, frictional(file.robot)), 0.0))
+    return _setup(file, known(baseline_of(smooth, columns, frictional(file.robot)), age_s))
 
 
 def _errors(trial: Trial, file: File, setup: Setup) -> tuple[Values, Values]:

@@ -66,6 +66,7 @@ def test_a_baseline_takes_off_what_a_wrong_file_adds_and_sigma_holds_what_is_sta
     names = "leg 15 % heavier", "torque offset 1 N·m"
     monkeypatch.setattr(wrong, "FILES", {name: wrong.FILES[name] for name in names})
     monkeypatch.setattr(wrong, "MACHINES", {})
+    monkeypatch.setattr(wrong, "AGES_S", (300.0,))
     monkeypatch.setattr(wrong, "DRAWS", 30)
 
     rows = wrong.table(CONFIGS / "demo.toml", [1], lambda _: lambda _: None).rows
