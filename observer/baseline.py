@@ -46,8 +46,8 @@ Matrix = NDArray[np.float64]
 BINS: Final = 50
 STRIDES_MIN: Final = 8
 """A minute at 0.15 Hz has nine."""
-KEPT_MIN: Final = (0.15, 1.0)
-"""N m, N: a tenth of what a relaxed leg may exert without its owner's notice."""
+KEPT_MIN: Final = (0.09, 0.7)
+"""N m, N: with it sigma of a machine that is as its file says is a tenth above the filter's own."""
 SCATTER_MAX: Final = (0.5, 4.0)
 """N m, N: an estimate that differs more from stride to stride is not that of a passive patient."""
 FADE_S: Final = 400.0

@@ -14,7 +14,7 @@ points (Saerkkae, Bayesian Filtering and Smoothing, 2013, 10.2):
 P_k - G P- G' equals W_k, but W_k is a sum of squares: nothing is subtracted from a covariance here
 either. Where the filter restarted the chain is cut: later samples do not affect earlier estimates.
 
-The derivatives by considered parameters of friction go back with the mean, by the same gains.
+The derivatives by considered parameters go back with the mean, by the same gains.
 
 The result is what is published: without the part that a passive baseline explains.
 
@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.filter.cdkf import SIGMA_4, STEP
-from observer.filter.considered import OTHER_FRICTION, VARIANTS_MAX, take_off, widen
+from observer.filter.considered import VARIANTS_MAX, take_off, widen
 from observer.filter.leg_filter import Setup, constants_of, placed
 from observer.filter.leg_memory import NOTHING, STEPPED, LegMemory, N
 from observer.filter.leg_model import LANES, STEP_S
@@ -58,10 +58,8 @@ OPEN_SPLIT: Final = OWN + SQUARE
 """Variance of the split that the filter keeps apart (leg_noise.py), and of the friction law."""
 HIDDEN_NET: Final = OPEN_SPLIT + 2
 """Variance of net that the transmission hides, and what innovations show."""
-ACTED: Final = HIDDEN_NET + 2
-"""Efforts of the drives."""
-SENSITIVITY: Final = ACTED + 2
-"""Derivative of the filtered mean by each considered parameter of friction."""
+SENSITIVITY: Final = HIDDEN_NET + 2
+"""Derivative of the filtered mean by each considered parameter."""
 FORECAST_SENSITIVITY: Final = SENSITIVITY + VARIANTS_MAX * N
 CYCLE_DATA: Final = FORECAST_SENSITIVITY + VARIANTS_MAX * N
 """Caller's data, kept with the node."""
@@ -121,7 +119,6 @@ def store(
     for i in range(2):
         node[OPEN_SPLIT + i] = memory.split[i] + memory.law[i]
         node[HIDDEN_NET + i] = memory.hidden_net[i] + memory.unexplained[i]
-        node[ACTED + i] = memory.acting[i]
     for k in range(VARIANTS_MAX):
         for i in range(N):
             node[SENSITIVITY + k * N + i] = memory.sensitivity[k, i]
@@ -241,10 +238,9 @@ def smoothed(
         elif after[LINKED] == LINKED_BY_MODEL:
             _step_back(before, after, mean, covariance, work[2 * SQUARE :])
             for k in range(everywhere.variant_count):
-                if everywhere.variants[k, OTHER_FRICTION] > 0.0:
-                    at, forecast = SENSITIVITY + k * N, FORECAST_SENSITIVITY + k * N
-                    derivative = sensitivity[k * N : k * N + N]
-                    _revise(before[at:], after[forecast:], after[GAIN:], derivative, difference)
+                at, forecast = SENSITIVITY + k * N, FORECAST_SENSITIVITY + k * N
+                derivative = sensitivity[k * N : k * N + N]
+                _revise(before[at:], after[forecast:], after[GAIN:], derivative, difference)
     constants = placed(everywhere, mean[0], mean[1])
     _add_damping(constants.model.hip, 0, mean, covariance)
     _add_damping(constants.model.slide, 1, mean, covariance)
@@ -254,11 +250,8 @@ def smoothed(
         out[SMOOTH_UNSURE + i] = 0.0
     if constants.variant_count > 0:
         widen(
-            constants.model,
-            constants.variants,
             constants.variant_count,
             constants.known,
-            (node[ACTED], node[ACTED + 1]),
             sensitivity[: VARIANTS_MAX * N].reshape((VARIANTS_MAX, N)),
             SMOOTH_NET_STD,
             work[2 * SQUARE :],

@@ -2,17 +2,10 @@
 
 The filter takes its physics as true. An error of a mass, a spring or a friction level is no noise:
 the estimate of the patient takes it up, and innovations do not show it. So each parameter that is
-not sure has a variant of the physics, in which it is one standard deviation larger. At the present
-pose and motion the two need other efforts:
-
-    net       M'(q) a + h'(q, v) - M(q) a - h(q, v) - (u' - u)      a = M^-1 (u + net - h)
-    friction  F'_s(v) - F_s(v), as the estimate follows it          sensitivity.py
-    patient   net + friction                                        h: bias of eq. (6), with springs
-
-where u' is the effort of the drives as this variant has it. The published covariance is that of the
-filter plus the products of these errors; errors of different parameters are independent. An error
-of friction turns with the motion: how fast the estimate takes it up is in its derivatives
-(sensitivity.py), and net has what is missing until then. The other errors change slowly.
+not sure has a variant of the physics, in which it is one standard deviation larger. The derivative
+of the estimate by the parameter (sensitivity.py) is the error e that it makes at the present pose
+and motion. The published covariance is that of the filter plus the products of these errors of
+friction and patient; net is patient less friction. Errors of different parameters are independent.
 An error lasts as long as its parameter: it does not average out over a stride (`strides.py`).
 
 A passive baseline (`observer/baseline.py`) says how far each parameter is off on this machine with
@@ -34,11 +27,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.filter.leg_model import LegModel
 from observer.filter.states import STATE_COUNT
-from observer.jit import fixed_tuple, inline
+from observer.jit import inline
 from observer.mechanism.friction import FrictionParameters
-from observer.mechanism.linkage import accelerations, dynamics, efforts
 from observer.mechanism.parameters import LegParameters
 from observer.quantities import Number
 
@@ -154,11 +145,8 @@ def table_of(own: Variant, variants: Sequence[Variant]) -> Matrix:
 
 @inline
 def widen(
-    model: LegModel,
-    variants: Matrix,
     count: int,
     known: Known,
-    effort: tuple[float, float],
     sensitivity: Matrix,
     net_std_at: int,
     work: Vector,
@@ -169,13 +157,10 @@ def widen(
     """Add the errors of all considered parameters to a published covariance.
 
     Args:
-        model: the physics of the filter.
-        variants: as of `table_of`.
-        count: their number.
+        count: number of parameters.
         known: of the baseline in force.
-        effort: of the drives, N m and N.
-        sensitivity: derivative of the estimate by each parameter of friction, a row for each, of
-            which friction and patient are read (sensitivity.py).
+        sensitivity: derivative of the estimate by each parameter, a row for each, of which friction
+            and patient are read (sensitivity.py).
         net_std_at: place of the standard deviation of net in `out`.
         work: scratch, (4 VARIANTS_MAX).
         patient_errors: result, (2 VARIANTS_MAX): of the patient's effort by each parameter, hip
@@ -184,19 +169,20 @@ def widen(
             before slide; unchanged without.
         out: mean (8), standard deviations (8) and lower triangle (36) first; changed.
     """
-    _find_errors(model, variants, count, effort, sensitivity, out, work)
+    for k in range(count):
+        for i in range(4):
+            work[4 * k + i] = sensitivity[k, FRICTION_ROW + i]
     if known.taken:
         _apply(known, count, work, passive)
         _keep(known.kept_std, net_std_at, out)
     net_variance_hip = net_variance_slide = 0.0
     for k in range(count):
         friction_hip, friction_slide = work[4 * k], work[4 * k + 1]
-        net_hip, net_slide = work[4 * k + 2], work[4 * k + 3]
-        patient_hip, patient_slide = net_hip + friction_hip, net_slide + friction_slide
+        patient_hip, patient_slide = work[4 * k + 2], work[4 * k + 3]
         patient_errors[2 * k], patient_errors[2 * k + 1] = patient_hip, patient_slide
         _add(out, friction_hip, friction_slide, patient_hip, patient_slide)
-        net_variance_hip += net_hip * net_hip
-        net_variance_slide += net_slide * net_slide
+        net_variance_hip += (patient_hip - friction_hip) ** 2
+        net_variance_slide += (patient_slide - friction_slide) ** 2
     at = COVARIANCE + FRICTION_ROW * (FRICTION_ROW + 1) // 2
     for i in range(FRICTION_ROW, N):
         at += i
@@ -204,45 +190,6 @@ def widen(
         at += 1
     out[net_std_at] = math.sqrt(out[net_std_at] ** 2 + net_variance_hip)
     out[net_std_at + 1] = math.sqrt(out[net_std_at + 1] ** 2 + net_variance_slide)
-
-
-@inline
-def _find_errors(
-    model: LegModel,
-    variants: Matrix,
-    count: int,
-    effort: tuple[float, float],
-    sensitivity: Matrix,
-    mean: Vector,
-    errors: Vector,
-) -> None:
-    """Compute the errors of friction and of net by each parameter: hip and slide of each."""
-    q1, q2, v1, v2 = mean[0], mean[1], mean[2], mean[3]
-    share = model.coriolis_share
-    own = dynamics(model.leg, q1, q2, v1, v2, share)
-    needed_hip = effort[0] + mean[6] - mean[4]
-    needed_slide = effort[1] + mean[7] - mean[5]
-    a1, a2 = accelerations(own, needed_hip, needed_slide)
-    own_hip, own_slide = efforts(own, a1, a2)
-    for k in range(count):
-        row = variants[k]
-        shown = Drives(*fixed_tuple(row[DRIVES:], DRIVES_COUNT))
-        net_hip, net_slide = 0.0, 0.0
-        if row[OTHER_LEG] > 0.0:
-            leg = LegParameters(*fixed_tuple(row, LEG_COUNT))
-            at_hip = q1 + shown.position_offset_hip_rad
-            at_slide = q2 + shown.position_offset_slide_m
-            other = dynamics(leg, at_hip, at_slide, v1, v2, share)
-            other_hip, other_slide = efforts(other, a1, a2)
-            net_hip, net_slide = other_hip - own_hip, other_slide - own_slide
-        net_hip -= (shown.effort_ratio_hip - 1.0) * effort[0] + shown.effort_offset_hip_nm
-        net_slide -= (shown.effort_ratio_slide - 1.0) * effort[1] + shown.effort_offset_slide_n
-        for axis in range(2):
-            friction = sensitivity[k, FRICTION_ROW + axis]
-            errors[4 * k + axis] = friction
-            errors[4 * k + 2 + axis] = sensitivity[k, PATIENT_ROW + axis] - friction
-        errors[4 * k + 2] += net_hip
-        errors[4 * k + 3] += net_slide
 
 
 @inline
@@ -256,8 +203,6 @@ def _apply(known: Known, count: int, errors: Vector, passive: Vector) -> None:
         for k in range(count):
             total += known.theta[k] * errors[4 * k + i]
         passive[i] = total
-    passive[2] += passive[0]
-    passive[3] += passive[1]
     for j in range(count):
         for i in range(4):
             total = 0.0

@@ -63,7 +63,7 @@ from observer.filter.leg_noise import (
     set_process_noise,
 )
 from observer.filter.patient_rate import carry_rate, fade_rate, follow_rate, forget_rate
-from observer.filter.sensitivity import follow_friction
+from observer.filter.sensitivity import follow_parameters
 from observer.filter.status import (
     GAP_MAX_S,
     GATED_MAX_IN_A_ROW,
@@ -352,16 +352,12 @@ def _hide(model: LegModel, options: Options, m: LegMemory, dt_s: float) -> None:
 def _consider(constants: Constants, m: LegMemory, points: Vector, dt_s: float, out: Vector) -> None:
     """Add to sigma what is not known of the machine."""
     model, variants, count = constants.model, constants.variants, constants.variant_count
-    acting = m.acting[0], m.acting[1]
     if m.event == STEPPED:
         over = friction_over_position(constants.options)
-        follow_friction(model, over, variants, count, m, points, dt_s)
+        follow_parameters(model, over, variants, count, m, out, points, dt_s)
     widen(
-        model,
-        variants,
         count,
         constants.known,
-        acting,
         m.sensitivity,
         OUT_NET_STD,
         m.work,

@@ -81,7 +81,7 @@ class LegMemory(Protocol):
     acting: Pair
     """Efforts of the drives in the last step."""
     sensitivity: Annotated[Matrix, (VARIANTS_MAX, N + 2)]
-    """Derivative of the mean and of both patient rates by each considered parameter of friction
+    """Derivative of the mean and of both patient rates by each considered parameter
     (sensitivity.py)."""
     followed_effort: Pair
     """Efforts behind a low-pass, and their rates (transmission.py)."""
@@ -113,7 +113,7 @@ class LegMemory(Protocol):
     forecast_root: Root
     """After the prediction, before the correction."""
     forecast_sensitivity: Annotated[Matrix, (VARIANTS_MAX, N)]
-    """Derivative of `forecast_mean` by each considered parameter of friction."""
+    """Derivative of `forecast_mean` by each considered parameter."""
     measured: Pair
     seen_std: Pair
     """Standard deviation of this step's measurement."""

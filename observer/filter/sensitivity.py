@@ -1,41 +1,47 @@
-"""How the estimate answers to an error of friction: its derivative by each parameter.
+"""How the estimate answers to an error of the machine's file: its derivative by each parameter.
 
-An error of a friction level turns with each reversal. The filter's patient takes it up within some
-samples. It takes it up sooner where innovations have raised the patient's noise, and overshoots
-where the patient's rate is carried on. So the derivative s = dx / dp of the filter's mean goes
-through each cycle with the mean:
+The filter's patient takes up an error of a mass, a spring or a friction level within some samples:
+sooner where innovations have raised the patient's noise, with an overshoot where the patient's rate
+is carried on, and not at rest, where friction takes it up. An error of friction turns with each
+reversal, the others change with pose and motion. So the derivative s = dx / dp of the filter's mean
+goes through each cycle with the mean:
 
     prediction    s := A (s - b) + b          A: differences of the sigma points
-                  b = F'_s(v) - F_s(v) in the rows of friction and patient
+                  b = F'_s(v) - F_s(v)        in the rows of friction and patient
+                    + M' a + h' - M a - h - (u' - u)   in those of the patient: net
     correction    s := s - K (s_hip, s_slide)                K: gain of this cycle, 0 without one
     rate          as the patient's rate goes (patient_rate.py)
     at rest       friction at its breakaway level has that of the law with the other parameter
 
-With friction and patient both less by b, the leg moves the same and friction follows the filter's
-own law. Bristles have the share F / g of b's level: they yield at the rate |v| sigma_0 / g. p is in
-its standard deviations (`considered.py`). A parameter that leaves friction as it is has no
-derivative here: its error changes slowly. The smoother takes the derivatives back with the mean
-(`smoother.py`).
+With friction less by b in its row and the patient less by b in his, the leg moves the same and
+friction follows the filter's own law. a is the acceleration of the estimate, h the bias of eq. (6)
+with springs, u' the effort of the drives as the other parameter has it. Bristles have the share
+F / g of b's level: they yield at the rate |v| sigma_0 / g. p is in its standard deviations
+(`considered.py`). The smoother takes the derivatives back with the mean (`smoother.py`).
 
 Left out is what is of second order or acts for a cycle: how gain, rate and its switches depend on
 the parameter, the curvature between sigma points, and `viscous_outside`.
 """
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from observer.filter.cdkf import STEP
 from observer.filter.considered import (
+    DRIVES,
+    DRIVES_COUNT,
     FRICTION_COUNT,
     FRICTION_ROW,
     LEG_COUNT,
     OTHER_FRICTION,
+    OTHER_LEG,
     PATIENT_ROW,
     SLIDE_FRICTION,
     SLOPES,
+    Drives,
 )
 from observer.filter.leg_memory import LegMemory, N
 from observer.filter.leg_model import LANES, LegModel
@@ -48,6 +54,8 @@ from observer.mechanism.friction import (
     bristle_level,
     static_friction,
 )
+from observer.mechanism.linkage import accelerations, dynamics, efforts
+from observer.mechanism.parameters import LegParameters
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -56,13 +64,23 @@ RATE: Final = N
 """Place of both patient rates behind the mean."""
 
 
+class _Motion(NamedTuple):
+    """Pose, velocity and acceleration of the estimate, and the efforts that this leg needs."""
+
+    position: tuple[float, float]
+    velocity: tuple[float, float]
+    acceleration: tuple[float, float]
+    needed: tuple[float, float]
+
+
 @kernel
-def follow_friction(
+def follow_parameters(
     model: LegModel,
     over: tuple[OverPosition, OverPosition],
     variants: Matrix,
     count: int,
     m: LegMemory,
+    mean: Vector,
     points: Vector,
     dt_s: float,
 ) -> None:
@@ -74,24 +92,30 @@ def follow_friction(
         variants: as of `considered.table_of`.
         count: their number.
         m: after the correction, or its rejection.
+        mean: as reported, of which friction is whole with bristles, too.
         points: propagated sigma points of this cycle.
         dt_s: its time step.
     """
+    effort = m.acting[0], m.acting[1]
+    motion = _motion(model, effort, mean)
     for k in range(count):
         row, s = variants[k], m.sensitivity[k]
-        if row[OTHER_FRICTION] == 0.0:
-            continue
-        hip = FrictionParameters(*fixed_tuple(row[LEG_COUNT:], FRICTION_COUNT))
-        hip_over = OverPosition(over[0].slope + row[SLOPES], over[0].middle)
-        hip = at_position(hip, hip_over, m.backup_mean[0])
-        slide = FrictionParameters(*fixed_tuple(row[SLIDE_FRICTION:], FRICTION_COUNT))
-        slide_over = OverPosition(over[1].slope + row[SLOPES + 1], over[1].middle)
-        slide = at_position(slide, slide_over, m.backup_mean[1])
-        wrong_hip = _wrong(model.hip, hip, m, 0)
-        wrong_slide = _wrong(model.slide, slide, m, 1)
-        _shift(s, -wrong_hip, -wrong_slide)
+        hip, slide = model.hip, model.slide
+        friction_hip = friction_slide = 0.0
+        if row[OTHER_FRICTION] > 0.0:
+            hip = FrictionParameters(*fixed_tuple(row[LEG_COUNT:], FRICTION_COUNT))
+            hip_over = OverPosition(over[0].slope + row[SLOPES], over[0].middle)
+            hip = at_position(hip, hip_over, m.backup_mean[0])
+            slide = FrictionParameters(*fixed_tuple(row[SLIDE_FRICTION:], FRICTION_COUNT))
+            slide_over = OverPosition(over[1].slope + row[SLOPES + 1], over[1].middle)
+            slide = at_position(slide, slide_over, m.backup_mean[1])
+            friction_hip = _friction_error(model.hip, hip, m, 0)
+            friction_slide = _friction_error(model.slide, slide, m, 1)
+        net_hip, net_slide = _net_errors(row, motion, model.coriolis_share, effort)
+        patient_hip, patient_slide = friction_hip + net_hip, friction_slide + net_slide
+        _shift(s, -friction_hip, -friction_slide, -patient_hip, -patient_slide)
         _predict(m, points, dt_s, s)
-        _shift(s, wrong_hip, wrong_slide)
+        _shift(s, friction_hip, friction_slide, patient_hip, patient_slide)
         for i in range(N):
             m.forecast_sensitivity[k, i] = s[i]
         _correct(m, s)
@@ -101,7 +125,38 @@ def follow_friction(
 
 
 @inline
-def _wrong(own: FrictionParameters, other: FrictionParameters, m: LegMemory, axis: int) -> float:
+def _motion(model: LegModel, effort: tuple[float, float], mean: Vector) -> _Motion:
+    q1, q2, v1, v2 = mean[0], mean[1], mean[2], mean[3]
+    own = dynamics(model.leg, q1, q2, v1, v2, model.coriolis_share)
+    needed_hip = effort[0] + mean[PATIENT_ROW] - mean[FRICTION_ROW]
+    needed_slide = effort[1] + mean[PATIENT_ROW + 1] - mean[FRICTION_ROW + 1]
+    a1, a2 = accelerations(own, needed_hip, needed_slide)
+    return _Motion((q1, q2), (v1, v2), (a1, a2), efforts(own, a1, a2))
+
+
+@inline
+def _net_errors(
+    row: Vector, motion: _Motion, coriolis_share: float, effort: tuple[float, float]
+) -> tuple[float, float]:
+    """What the other leg and the other drives need more than the filter's, hip and slide."""
+    shown = Drives(*fixed_tuple(row[DRIVES:], DRIVES_COUNT))
+    hip = (1.0 - shown.effort_ratio_hip) * effort[0] - shown.effort_offset_hip_nm
+    slide = (1.0 - shown.effort_ratio_slide) * effort[1] - shown.effort_offset_slide_n
+    if row[OTHER_LEG] > 0.0:
+        leg = LegParameters(*fixed_tuple(row, LEG_COUNT))
+        at_hip = motion.position[0] + shown.position_offset_hip_rad
+        at_slide = motion.position[1] + shown.position_offset_slide_m
+        other = dynamics(leg, at_hip, at_slide, *motion.velocity, coriolis_share)
+        other_hip, other_slide = efforts(other, *motion.acceleration)
+        hip += other_hip - motion.needed[0]
+        slide += other_slide - motion.needed[1]
+    return hip, slide
+
+
+@inline
+def _friction_error(
+    own: FrictionParameters, other: FrictionParameters, m: LegMemory, axis: int
+) -> float:
     """What the other law adds to where friction goes: of bristles with their present share."""
     velocity = m.mean[2 + axis]
     if own.bristle_stiffness > 0.0:
@@ -113,11 +168,17 @@ def _wrong(own: FrictionParameters, other: FrictionParameters, m: LegMemory, axi
 
 
 @inline
-def _shift(s: Vector, hip: float, slide: float) -> None:
-    s[FRICTION_ROW] += hip
-    s[FRICTION_ROW + 1] += slide
-    s[PATIENT_ROW] += hip
-    s[PATIENT_ROW + 1] += slide
+def _shift(
+    s: Vector,
+    friction_hip: float,
+    friction_slide: float,
+    patient_hip: float,
+    patient_slide: float,
+) -> None:
+    s[FRICTION_ROW] += friction_hip
+    s[FRICTION_ROW + 1] += friction_slide
+    s[PATIENT_ROW] += patient_hip
+    s[PATIENT_ROW + 1] += patient_slide
 
 
 @inline

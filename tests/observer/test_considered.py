@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 from observer.filter.considered import VARIANTS_MAX, Drives, Slopes, Variant, table_of
-from observer.filter.leg_observer import setup_of
+from observer.filter.leg_observer import setup_of, with_baseline
 from observer.filter.status import Validity
 from observer.mechanism.friction import OverPosition
 from observer.offline.batch import Columns, run
 from observer.offline.smooth_batch import run_smoothed
 from observer.strides import strides_of
 from tests.observer.trainer import (
+    ENTIRE,
     HIP,
     PATIENT,
     SLIDE_FRICTION,
@@ -71,30 +72,32 @@ def walk():
     return encoded(simulate(PATIENT, 1600, reference=gait(PATIENT, times, 0.25), patient=active))
 
 
-def seen_by(variant: Variant, columns: Columns):
-    """The smoothed estimate of an observer that has this physics."""
+def seen_by(variant: Variant, columns: Columns, estimates_of=run_smoothed):
+    """The estimate of an observer that has this physics."""
     shown = np.array(variant.drives).reshape(3, 2)
     columns = Columns(
         columns.time_s, columns.position + shown[2], columns.effort * shown[0] + shown[1]
     )
     over = tuple(OverPosition(slope, 0.0) for slope in variant.slopes)
     tuning = SHIPPED._replace(friction_over_position=over)
-    return run_smoothed(setup_of(*variant[:3], tuning), columns)
+    return estimates_of(setup_of(*variant[:3], tuning), columns)
 
 
 def setup_with(*variants: Variant):
     return setup_of(PATIENT, HIP, SLIDE_FRICTION, SHIPPED, variants)
 
 
+@pytest.mark.parametrize("estimates_of", [run, run_smoothed])
 @pytest.mark.parametrize("name", OTHERS)
-def test_the_error_of_a_parameter_is_that_of_an_observer_that_has_it(walk, name):
+def test_the_error_of_a_parameter_is_that_of_an_observer_that_has_it(walk, name, estimates_of):
     other = OTHERS[name]
-    right, wrong = run_smoothed(setup_with(other), walk), seen_by(other, walk)
+    setup = setup_with(other)
+    right, wrong = estimates_of(setup, walk), seen_by(other, walk, estimates_of)
 
     rows = (walk.time_s > SETTLED_S) & (right.validity == Validity.OK).all(axis=1)
-    told = right.unsure[rows, :2]
+    told = (right.state - estimates_of(with_baseline(setup, ENTIRE), walk).state)[rows, 6:8]
     found = (wrong.state - right.state)[rows, 6:8]
-    assert (rms(found - told) < 0.1 * rms(told) + (0.03, 0.3)).all()
+    assert (rms(found - told) < 0.05 * rms(told) + (0.01, 0.015)).all()
     assert (rms(told) > (0.2, 1.0)).any()
 
 

@@ -1,9 +1,12 @@
-"""The derivative of the estimate by a parameter of friction, beside two observers of their own."""
+"""The derivative of the estimate by a parameter of friction, beside two observers of their own.
+
+Other parameters are in `test_considered.py`.
+"""
 
 import numpy as np
 import pytest
 
-from observer.filter.considered import NOTHING_KNOWN, Slopes, Variant, known_of
+from observer.filter.considered import NOTHING_KNOWN, Slopes, Variant
 from observer.filter.leg_model import Integrator
 from observer.filter.leg_observer import LegObserver, setup_of, with_baseline
 from observer.filter.status import Status, Validity
@@ -12,6 +15,7 @@ from observer.mechanism.friction import OverPosition
 from observer.offline.batch import Columns, run
 from observer.offline.smooth_batch import run_smoothed
 from tests.observer.trainer import (
+    ENTIRE,
     HIP,
     HIP_BRISTLES,
     MID_POSE,
@@ -32,8 +36,6 @@ SHIPPED = TUNING._replace(
 FOR_BRISTLES = SHIPPED._replace(substeps=10)
 CYCLES = 1200
 SETTLED_S = 2.0
-ENTIRE = known_of(np.ones(1), 1e-12 * np.eye(1), np.zeros(2))
-"""A baseline that knows the only parameter to be off by one standard deviation."""
 MORE = 1.02
 
 

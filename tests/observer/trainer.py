@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from observer.filter.considered import known_of
 from observer.filter.leg_model import Integrator
 from observer.filter.leg_observer import ObserverTuning
 from observer.jit import kernel
@@ -43,6 +44,8 @@ MID_POSE = np.array([math.radians(14.0), 0.59])
 HIP = FrictionParameters(7.0, 6.0, 0.8, 0.01, 0.05, 0.03, 0.02)
 SLIDE_FRICTION = FrictionParameters(75.0, 65.0, 60.0, 0.004, 0.02, 0.012, 0.02)
 PROCESS = (1e-6, 1e-6, 1e-3, 5e-4, 0.1, 1.0, 0.1, 1.0)
+ENTIRE = known_of(np.ones(1), 1e-12 * np.eye(1), np.zeros(2))
+"""A baseline that knows the only parameter to be off by one standard deviation."""
 TUNING = ObserverTuning(
     process_std=PROCESS,
     measurement_std=(5.8e-5, 2.5e-5),
