@@ -98,6 +98,8 @@ def follow_parameters(
     """
     effort = m.acting[0], m.acting[1]
     motion = _motion(model, effort, mean)
+    transition = m.work[N:]
+    _find_transition(m, points, transition)
     for k in range(count):
         row, s = variants[k], m.sensitivity[k]
         hip, slide = model.hip, model.slide
@@ -114,7 +116,7 @@ def follow_parameters(
         net_hip, net_slide = _net_errors(row, motion, model.coriolis_share, effort)
         patient_hip, patient_slide = friction_hip + net_hip, friction_slide + net_slide
         _shift(s, -friction_hip, -friction_slide, -patient_hip, -patient_slide)
-        _predict(m, points, dt_s, s)
+        _predict(m, transition, dt_s, s)
         _shift(s, friction_hip, friction_slide, patient_hip, patient_slide)
         for i in range(N):
             m.forecast_sensitivity[k, i] = s[i]
@@ -182,23 +184,31 @@ def _shift(
 
 
 @inline
-def _predict(m: LegMemory, points: Vector, dt_s: float, s: Vector) -> None:
-    """Carry one derivative through the prediction: the points' differences over their reach."""
+def _find_transition(m: LegMemory, points: Vector, transition: Vector) -> None:
+    """The matrix A, row by row: differences of the points over their reach, times S^-1."""
+    reach = 0.5 / STEP
+    for i in range(N):
+        base, row = i * LANES + 1, i * N
+        for k in range(N - 1, -1, -1):
+            total = reach * (points[base + k] - points[base + N + k])
+            for j in range(k + 1, N):
+                total -= transition[row + j] * m.backup_root[j, k]
+            own = m.backup_root[k, k]
+            transition[row + k] = total / own if own > 0.0 else 0.0
+
+
+@inline
+def _predict(m: LegMemory, transition: Vector, dt_s: float, s: Vector) -> None:
+    """Carry one derivative through the prediction."""
     for axis in range(2):
         if m.carried_rate[axis] == 0.0:
             s[RATE + axis] = 0.0
         s[PATIENT_ROW + axis] += 0.5 * dt_s * s[RATE + axis]
     for i in range(N):
-        for k in range(i):
-            s[i] -= m.backup_root[i, k] * s[k]
-        s[i] = s[i] / m.backup_root[i, i] if m.backup_root[i, i] > 0.0 else 0.0
-    reach = 0.5 / STEP
-    for i in range(N):
-        base = i * LANES + 1
         total = 0.0
         for k in range(N):
-            total += (points[base + k] - points[base + N + k]) * s[k]
-        m.work[i] = reach * total
+            total += transition[i * N + k] * s[k]
+        m.work[i] = total
     for i in range(N):
         s[i] = m.work[i]
     for axis in range(2):
