@@ -47,7 +47,8 @@ BINS: Final = 50
 STRIDES_MIN: Final = 8
 """A minute at 0.15 Hz has nine."""
 KEPT_MIN: Final = (0.09, 0.7)
-"""N m, N: with it sigma of a machine that is as its file says is a tenth above the filter's own."""
+"""N m, N: so much of a push that repeats in the minute stays in sigma. More would make sigma of a
+machine that is as its file says more than a tenth larger than the filter's own."""
 SCATTER_MAX: Final = (0.5, 4.0)
 """N m, N: an estimate that differs more from stride to stride is not that of a passive patient."""
 FADE_S: Final = 400.0

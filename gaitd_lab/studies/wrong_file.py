@@ -30,7 +30,7 @@ from gaitd_lab.studies.experiment.measures import rms
 from gaitd_lab.studies.report import Cell, Table, measured, of_leg
 from gaitd_lab.trial import Trial
 from gaitd_lab.trials import Situation, Trials
-from observer.baseline import NotPassiveError, baseline_of, known
+from observer.baseline import Baseline, NotPassiveError, baseline_of, known
 from observer.filter.considered import (
     DRIVES,
     LEG_COUNT,
@@ -263,7 +263,10 @@ def _rows(
     bare = [[_setup(one) for one in some] for some in files]
     try:
         clean = [
-            [_with_minute(one, passive) for one in _shown(some, begin(f"{name}, baseline"))]
+            [
+                _setup(one, known(_minute(one, passive), 0.0))
+                for one in _shown(some, begin(f"{name}, baseline"))
+            ]
             for some, passive in zip(files, walks.passive, strict=True)
         ]
     except NotPassiveError:
@@ -300,23 +303,28 @@ def _falling_rows(
     begin: Callable[[str], Callable[[float], None]],
 ) -> list[tuple[Cell, ...]]:
     """Rows of friction that falls after the baseline, all samples of its fall as one."""
+    name = f"friction falls by {100 * FALLS_RATIO:g} % in {FALLS_S / 60:g} minutes"
+    try:
+        minutes = {
+            leg: [_minute(File(one.robot), one) for one in own.passive]
+            for leg, own in rigid.items()
+        }
+    except NotPassiveError:
+        return [(name, "", "refused", *("",) * len(_HEAD))]
     found: dict[tuple[str, float, str], list[tuple[Values, Values]]] = {}
     for cadence_hz, age_s, (number, seed) in product(CADENCES_HZ, AGES_S, enumerate(seeds)):
-        ratio = 1.0 - FALLS_RATIO * age_s / FALLS_S
-        fallen = Trials(config, more_friction(Trials(config).robot, ratio), seed=seed)
-        told = begin(f"friction falls, {age_s:g} s after the baseline, {cadence_hz:g} Hz")
+        file = File(next(iter(rigid.values())).passive[number].robot)
+        fallen = more_friction(file.robot, 1.0 - FALLS_RATIO * age_s / FALLS_S)
+        told = begin(f"{name}, after {age_s:g} s, {cadence_hz:g} Hz")
         situation = Situation(cadence_hz=cadence_hz, programme="active")
-        walked = fallen.gait_of_legs(situation, WALK_S, told)
-        for (leg, own), trial in zip(rigid.items(), walked.values(), strict=True):
-            passive = own.passive[number]
-            file = File(passive.robot)
+        walked = Trials(config, fallen, seed=seed).gait_of_legs(situation, WALK_S, told)
+        for leg, trial in zip(rigid, walked.values(), strict=True):
             for how, one, setup in (
                 ("without", file, _setup(file)),
-                ("with", file, _with_minute(file, passive, age_s)),
-                ("the true file", File(trial.robot), filter_setup(trial.robot)),
+                ("with", file, _setup(file, known(minutes[leg][number], age_s))),
+                ("the true file", File(fallen), filter_setup(fallen)),
             ):
                 found.setdefault((leg, cadence_hz, how), []).append(_errors(trial, one, setup))
-    name = f"friction falls by {100 * FALLS_RATIO:g} % in {FALLS_S / 60:g} minutes"
     return [
         (name + leg, f"{cadence_hz:g} Hz", how, *_cells([_as_one(errors)]))
         for (leg, cadence_hz, how), errors in found.items()
@@ -388,11 +396,9 @@ def _setup(file: File, of_minute: Known = NOTHING_KNOWN) -> Setup:
     return with_baseline(setup_of(off.leg, off.hip, off.slide, tuning, unsure), of_minute)
 
 
-def _with_minute(file: File, passive: Trial, age_s: float = 0.0) -> Setup:
-    """The observer with a baseline that was taken `age_s` ago."""
+def _minute(file: File, passive: Trial) -> Baseline:
     columns = _columns(passive, file)
-    smooth = run_smoothed(_setup(file), columns)
-    return _setup(file, known(baseline_of(smooth, columns, frictional(file.robot)), age_s))
+    return baseline_of(run_smoothed(_setup(file), columns), columns, frictional(file.robot))
 
 
 def _errors(trial: Trial, file: File, setup: Setup) -> tuple[Values, Values]:

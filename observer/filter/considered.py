@@ -125,7 +125,7 @@ def table_of(own: Variant, variants: Sequence[Variant]) -> Matrix:
 
     Args:
         own: the physics of the filter. What a variant has in common with it is marked, because its
-            error is nothing: most of a kernel's time would go into finding that.
+            error is nothing: that need not be computed in each cycle.
         variants: of the considered parameters.
 
     Raises:

@@ -1,10 +1,10 @@
 """How the estimate answers to an error of the machine's file: its derivative by each parameter.
 
-The filter's patient takes up an error of a mass, a spring or a friction level within some samples:
-sooner where innovations have raised the patient's noise, with an overshoot where the patient's rate
-is carried on, and not at rest, where friction takes it up. An error of friction turns with each
-reversal, the others change with pose and motion. So the derivative s = dx / dp of the filter's mean
-goes through each cycle with the mean:
+The filter's patient takes up an error of a mass, a spring or a friction level within some samples.
+It takes it up sooner where innovations have raised the patient's noise, and overshoots where the
+patient's rate is carried on. At rest friction takes it up. An error of friction turns with each
+reversal, and the others change with pose and motion. So the derivative s = dx / dp of the filter's
+mean goes through each cycle with the mean:
 
     prediction    s := A (s - b) + b          A: differences of the sigma points
                   b = F'_s(v) - F_s(v)        in the rows of friction and patient
@@ -20,7 +20,8 @@ F / g of b's level: they yield at the rate |v| sigma_0 / g. p is in its standard
 (`considered.py`). The smoother takes the derivatives back with the mean (`smoother.py`).
 
 Left out is what is of second order or acts for a cycle: how gain, rate and its switches depend on
-the parameter, the curvature between sigma points, and `viscous_outside`.
+the parameter, the curvature between sigma points, and `viscous_outside`. Near the singularity of
+the leg b is large, and s needs some tenths of a second to fall behind it.
 """
 
 import math
@@ -65,7 +66,7 @@ RATE: Final = N
 
 
 class _Motion(NamedTuple):
-    """Pose, velocity and acceleration of the estimate, and the efforts that this leg needs."""
+    """Pose, velocity, acceleration (SI) and the efforts that they need, of hip and slide."""
 
     position: tuple[float, float]
     velocity: tuple[float, float]
@@ -92,7 +93,7 @@ def follow_parameters(
         variants: as of `considered.table_of`.
         count: their number.
         m: after the correction, or its rejection.
-        mean: as reported, of which friction is whole with bristles, too.
+        mean: as reported, first eight of an array; friction of bristles has its damping.
         points: propagated sigma points of this cycle.
         dt_s: its time step.
     """
@@ -140,7 +141,7 @@ def _motion(model: LegModel, effort: tuple[float, float], mean: Vector) -> _Moti
 def _net_errors(
     row: Vector, motion: _Motion, coriolis_share: float, effort: tuple[float, float]
 ) -> tuple[float, float]:
-    """What the other leg and the other drives need more than the filter's, hip and slide."""
+    """What the other leg and the other drives need more than the filter's: N m, N."""
     shown = Drives(*fixed_tuple(row[DRIVES:], DRIVES_COUNT))
     hip = (1.0 - shown.effort_ratio_hip) * effort[0] - shown.effort_offset_hip_nm
     slide = (1.0 - shown.effort_ratio_slide) * effort[1] - shown.effort_offset_slide_n
@@ -185,7 +186,7 @@ def _shift(
 
 @inline
 def _find_transition(m: LegMemory, points: Vector, transition: Vector) -> None:
-    """The matrix A, row by row: differences of the points over their reach, times S^-1."""
+    """Write A, row by row: differences of the points over their reach, times S^-1."""
     reach = 0.5 / STEP
     for i in range(N):
         base, row = i * LANES + 1, i * N
@@ -243,7 +244,7 @@ def _hold(
 
 @inline
 def _keep_finite(s: Vector, forecast: Vector) -> None:
-    """Begin anew after numbers that no law of an axis gives."""
+    """Begin anew after a number that is not finite."""
     total = 0.0
     for i in range(RATE + 2):
         total += s[i]

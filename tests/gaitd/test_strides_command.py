@@ -63,7 +63,7 @@ def test_a_baseline_takes_off_what_a_wrong_file_adds_and_sigma_holds_what_is_sta
     monkeypatch.setattr(wrong, "CADENCES_HZ", (0.4,))
     monkeypatch.setattr(wrong, "MINUTE_S", 36.0)
     monkeypatch.setattr(wrong, "WALK_S", 12.0)
-    names = "leg 15 % heavier", "torque offset 1 N·m"
+    names = "leg 15 % heavier", "friction 15 % over position", "torque offset 1 N·m"
     monkeypatch.setattr(wrong, "FILES", {name: wrong.FILES[name] for name in names})
     monkeypatch.setattr(wrong, "MACHINES", {})
     monkeypatch.setattr(wrong, "AGES_S", (300.0,))
@@ -75,6 +75,11 @@ def test_a_baseline_takes_off_what_a_wrong_file_adds_and_sigma_holds_what_is_sta
     for name in names:
         assert errors_nm[name, "with"] < errors_nm[name, "without"] / 2.0
         assert errors_nm[name, "with"] < 1.3 * errors_nm[name, "the true file"]
+    falls = {how: cells for name, _, how, *cells in rows if name.startswith("friction falls")}
+    for error, sigma, beyond in (falls["with"][:3], falls["with"][3:]):
+        assert sigma.value < 2.5 * error.value
+        assert beyond.value < 1.0
+    assert falls["with"][0].value > 1.3 * falls["the true file"][0].value
     drawn = {how: cells for name, _, how, *cells in rows if name.startswith("all samples")}
     for how in ("without", "with"):
         for error, sigma, beyond in (drawn[how][:3], drawn[how][3:]):

@@ -1,12 +1,12 @@
-"""The derivative of the estimate by a parameter of friction, beside two observers of their own.
+"""The derivative of the estimate by a parameter, beside two observers of their own.
 
-Other parameters are in `test_considered.py`.
+The patient by parameters other than those of friction is in `test_considered.py`.
 """
 
 import numpy as np
 import pytest
 
-from observer.filter.considered import NOTHING_KNOWN, Slopes, Variant
+from observer.filter.considered import NOTHING_KNOWN, Drives, Slopes, Variant
 from observer.filter.leg_model import Integrator
 from observer.filter.leg_observer import LegObserver, setup_of, with_baseline
 from observer.filter.status import Status, Validity
@@ -36,6 +36,7 @@ SHIPPED = TUNING._replace(
 FOR_BRISTLES = SHIPPED._replace(substeps=10)
 CYCLES = 1200
 SETTLED_S = 2.0
+BEGINS_S = 2.0
 MORE = 1.02
 
 
@@ -162,3 +163,33 @@ def test_a_derivative_that_is_no_number_begins_anew_also_in_the_smoother(walks):
         smooth = smoother.add(estimate, effort, 0.01)
         assert np.isfinite(estimate.std).all()
         assert smooth is None or np.isfinite(smooth).all()
+
+
+@pytest.mark.parametrize("estimates_of", [run, run_smoothed])
+@pytest.mark.parametrize(
+    "other",
+    [
+        OWN._replace(leg=PATIENT._replace(thigh_moment_re=1.1 * PATIENT.thigh_moment_re)),
+        OWN._replace(drives=Drives(effort_offset_slide_n=5.0)),
+    ],
+    ids=["mass", "offset"],
+)
+def test_an_error_of_a_mass_or_an_offset_is_in_net_at_rest_in_motion_and_after_a_jump(
+    other, estimates_of
+):
+    times_s = (np.arange(CYCLES) + 1) * 0.01
+    path = gait(PATIENT, np.maximum(times_s - BEGINS_S, 0.0), 0.25)
+    walk = encoded(simulate(PATIENT, CYCLES, reference=path, start=path[0], patient=active))
+    walk.position[800:812] += (0.1, 0.05)
+    setup = setup_of(*OWN[:3], SHIPPED, [other])
+    right = estimates_of(setup, walk)
+    told = right.net - estimates_of(with_baseline(setup, ENTIRE), walk).net
+    effort = walk.effort + np.array(other.drives[2:4])
+    shown = Columns(walk.time_s, walk.position, effort)
+    found = estimates_of(setup_of(*other[:3], SHIPPED), shown).net - right.net
+
+    assert (right.status[800:830] & Status.WARM_UP).any()
+    for phase in (slice(20, 200), slice(220, 800), slice(850, CYCLES)):
+        left = rms((found - told)[phase])
+        assert (left < 0.03 * rms(found[phase]) + (0.02, 0.1)).all()
+        assert (rms(found[phase]) > (1.0, 4.0)).any()

@@ -439,15 +439,17 @@ def _listening(web: Web) -> list[socket.socket]:
     """
     found = socket.getaddrinfo(web.host, web.port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
     listeners: list[socket.socket] = []
-    for family, *_, address in found:
-        listener = socket.socket(family, socket.SOCK_STREAM)
-        listeners.append(listener)
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        if family is socket.AF_INET6:
-            listener.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
-        listener.setblocking(False)
-        listener.bind(address)
-        listener.listen(BACKLOG)
+    with contextlib.ExitStack() as opened:  # none of them stays open if another one fails
+        for family, *_, address in found:
+            listener = opened.enter_context(socket.socket(family, socket.SOCK_STREAM))
+            listeners.append(listener)
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            if family is socket.AF_INET6:
+                listener.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+            listener.setblocking(False)
+            listener.bind(address)
+            listener.listen(BACKLOG)
+        opened.pop_all()
     return listeners
 
 

@@ -205,10 +205,11 @@ def test_a_server_that_has_not_begun_holds_its_port_and_keeps_who_comes(trainer,
         early.request("GET", "/")
         thread = threading.Thread(target=server.run)
         thread.start()
-        status = early.getresponse().status
-    server.should_exit = True
-    thread.join()
-    assert status == 200
+        try:
+            assert early.getresponse().status == 200
+        finally:
+            server.should_exit = True
+            thread.join()
 
 
 def test_a_stop_arrives_while_400_connections_say_nothing_and_pages_go_on(
