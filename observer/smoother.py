@@ -14,7 +14,9 @@ points (Saerkkae, Bayesian Filtering and Smoothing, 2013, 10.2):
 P_k - G P- G' equals W_k, but W_k is a sum of squares: nothing is subtracted from a covariance here
 either. Where the filter restarted the chain is cut: later samples do not affect earlier estimates.
 
-The derivatives by considered parameters go back with the mean, by the same gains.
+The derivatives by considered parameters go back with the mean, by the same gains. What innovations
+show beyond the filter's covariance (`surprise.py`) counts for all cycles that they revise: the
+largest of them.
 
 The result is what is published: without the part that a passive baseline explains.
 
@@ -57,8 +59,10 @@ OWN: Final = FORECAST + N
 OPEN_SPLIT: Final = OWN + SQUARE
 """Variance of the split that the filter keeps apart (leg_noise.py), and of the friction law."""
 HIDDEN_NET: Final = OPEN_SPLIT + 2
-"""Variance of net that the transmission hides, and what innovations show."""
-SENSITIVITY: Final = HIDDEN_NET + 2
+"""Variance of net that the transmission hides."""
+UNEXPLAINED: Final = HIDDEN_NET + 2
+"""Variance of net that innovations show beyond it."""
+SENSITIVITY: Final = UNEXPLAINED + 2
 """Derivative of the filtered mean by each considered parameter."""
 FORECAST_SENSITIVITY: Final = SENSITIVITY + VARIANTS_MAX * N
 CYCLE_DATA: Final = FORECAST_SENSITIVITY + VARIANTS_MAX * N
@@ -118,7 +122,8 @@ def store(
             node[COVARIANCE + i * N + j] = total
     for i in range(2):
         node[OPEN_SPLIT + i] = memory.split[i] + memory.law[i]
-        node[HIDDEN_NET + i] = memory.hidden_net[i] + memory.unexplained[i]
+        node[HIDDEN_NET + i] = memory.hidden_net[i]
+        node[UNEXPLAINED + i] = memory.unexplained[i]
     for k in range(VARIANTS_MAX):
         for i in range(N):
             node[SENSITIVITY + k * N + i] = memory.sensitivity[k, i]
@@ -228,14 +233,19 @@ def smoothed(
     _copy(newest, 0, mean, N)
     _copy(newest, COVARIANCE, covariance, SQUARE)
     _copy(newest, SENSITIVITY, sensitivity, of_parameters)
+    unexplained = newest[UNEXPLAINED], newest[UNEXPLAINED + 1]
     for back in range(lag):
         after = ring[((count - 1 - back) % NODES) * NODE_SIZE :]
         before = ring[((count - 2 - back) % NODES) * NODE_SIZE :]
+        hip, slide = before[UNEXPLAINED], before[UNEXPLAINED + 1]
         if after[LINKED] == CUT:
+            unexplained = hip, slide
             _copy(before, 0, mean, N)
             _copy(before, COVARIANCE, covariance, SQUARE)
             _copy(before, SENSITIVITY, sensitivity, of_parameters)
-        elif after[LINKED] == LINKED_BY_MODEL:
+        else:
+            unexplained = max(unexplained[0], hip), max(unexplained[1], slide)
+        if after[LINKED] == LINKED_BY_MODEL:
             _step_back(before, after, mean, covariance, work[2 * SQUARE :])
             for k in range(everywhere.variant_count):
                 at, forecast = SENSITIVITY + k * N, FORECAST_SENSITIVITY + k * N
@@ -245,7 +255,7 @@ def smoothed(
     _add_damping(constants.model.hip, 0, mean, covariance)
     _add_damping(constants.model.slide, 1, mean, covariance)
     node = ring[((count - 1 - lag) % NODES) * NODE_SIZE :]
-    _write(node, mean, covariance, out)
+    _write(node, mean, covariance, unexplained, out)
     for i in range(2 * VARIANTS_MAX):
         out[SMOOTH_UNSURE + i] = 0.0
     if constants.variant_count > 0:
@@ -330,7 +340,9 @@ def _add_damping(f: FrictionParameters, axis: int, mean: Vector, covariance: Vec
 
 
 @inline
-def _write(node: Vector, mean: Vector, covariance: Vector, out: Vector) -> None:
+def _write(
+    node: Vector, mean: Vector, covariance: Vector, unexplained: tuple[float, float], out: Vector
+) -> None:
     """Write the result of one node, with the uncertainty of the split that the filter reports."""
     at = SMOOTH_COVARIANCE
     for row in range(N):
@@ -340,7 +352,7 @@ def _write(node: Vector, mean: Vector, covariance: Vector, out: Vector) -> None:
             if column >= 4 and (row - column) % 2 == 0:
                 out[at] += node[OPEN_SPLIT + row % 2]
             if column == row and row >= 6:
-                out[at] += node[HIDDEN_NET + row % 2]
+                out[at] += node[HIDDEN_NET + row % 2] + unexplained[row % 2]
             at += 1
         out[SMOOTH_STD + row] = math.sqrt(max(out[at - 1], 0.0))
     for axis in range(2):
@@ -351,6 +363,7 @@ def _write(node: Vector, mean: Vector, covariance: Vector, out: Vector) -> None:
             + covariance[friction * N + friction]
             - 2.0 * covariance[patient * N + friction]
             + node[HIDDEN_NET + axis]
+            + unexplained[axis]
         )
         out[SMOOTH_NET_STD + axis] = math.sqrt(max(variance, 0.0))
     for i in range(CYCLE_DATA_COUNT):
