@@ -9,6 +9,7 @@ from observer.filter.leg_observer import setup_of
 from observer.filter.status import Validity
 from observer.offline.batch import begun_memory, run
 from observer.offline.smooth_batch import run_smoothed
+from observer.smoother import LAG
 from tests.observer.trainer import (
     HIP,
     PATIENT,
@@ -83,6 +84,19 @@ def test_patient_and_net_of_that_axis_are_less_sure_and_nothing_else(swings, est
     np.testing.assert_allclose(patient[rows, 6], net[rows, 0], rtol=1e-6, atol=1e-9)
     assert patient[rows, 6].max() > 1.0
     assert rms(wide.std[rows, 7]) == pytest.approx(rms(own.std[rows, 7]), rel=0.02)
+
+
+def test_the_smoother_holds_the_largest_of_all_cycles_that_revise_its_own(swings):
+    _, columns = swings
+    shown, revised = (
+        (seen(columns, [ALMOST_SURE], how).std ** 2 - seen(columns, (), how).std ** 2)[:, 6]
+        for how in (run, run_smoothed)
+    )
+
+    rows = np.flatnonzero(columns.time_s > SETTLED_S)[:-LAG]
+    largest = [shown[row : row + LAG + 1].max() for row in rows]
+    np.testing.assert_allclose(revised[rows], largest, rtol=1e-6, atol=1e-8)
+    assert np.mean(revised[rows] > 2.0 * shown[rows] + 0.1) > 0.1
 
 
 def test_what_the_transmission_hides_already_is_not_added_again(swings):
