@@ -61,6 +61,7 @@ from observer.mechanism.parameters import LegParameters
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
+FADED: Final = 1e-100
 RATE: Final = N
 """Place of both patient rates behind the mean."""
 
@@ -244,9 +245,15 @@ def _hold(
 
 @inline
 def _keep_finite(s: Vector, forecast: Vector) -> None:
-    """Begin anew after a number that is not finite."""
+    """Begin anew after a number that is not finite; let what has faded be 0.
+
+    What a parameter does to the other axis fades without end, and a processor takes a hundred times
+    as long for numbers below 1e-308.
+    """
     total = 0.0
     for i in range(RATE + 2):
+        if abs(s[i]) < FADED:
+            s[i] = 0.0
         total += s[i]
     if not math.isfinite(total):
         for i in range(RATE + 2):
