@@ -195,12 +195,14 @@ def test_an_error_of_a_mass_or_an_offset_is_in_net_at_rest_in_motion_and_after_a
         assert (rms(found[phase]) > (1.0, 4.0)).any()
 
 
-def test_what_has_faded_is_nothing_and_no_number_that_slows_a_processor(walks):
+def test_what_has_faded_is_nothing_and_no_number_that_slows_a_processor():
     """Of an offset of the hip's drive the slide sees less in each cycle."""
+    path = gait(PATIENT, (np.arange(4000) + 1) * 0.01, 0.25)
+    walk = encoded(simulate(PATIENT, len(path), reference=path))
     leg = LegObserver(*OWN[:3], SHIPPED, [OWN._replace(drives=Drives(effort_offset_hip_nm=1.0))])
     memory, _ = leg.buffers
-    leg.reset(walks[False].position[0])
-    for position, effort in zip(walks[False].position, walks[False].effort, strict=True):
+    leg.reset(walk.position[0])
+    for position, effort in zip(walk.position, walk.effort, strict=True):
         leg.step(position, effort, 0.01)
-        sizes = np.abs(memory[0]["sensitivity"][0])
-        assert sizes[sizes > 0.0].min() > np.finfo(float).tiny
+        sizes = np.abs(memory[0]["sensitivity"])
+        assert not ((sizes > 0.0) & (sizes < np.finfo(float).tiny)).any()
