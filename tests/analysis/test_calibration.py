@@ -18,6 +18,8 @@ from analysis.calibration.fit import (
     AS_GIVEN,
     AS_GOOD_WITHOUT,
     OF_SPRING,
+    SHAPED,
+    STARTS,
     Fit,
     fitted_on,
 )
@@ -109,13 +111,13 @@ def silent(_words: str, _share: float) -> None:
     """Progress that is not shown."""
 
 
-def in_few_steps(run: Source, robot: Robot) -> Calibration:
+def in_few_steps(run: Source, robot: Robot, searches: int = 1) -> Calibration:
     """A calibration whose few searches end early; those of the thorough tests go on."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("analysis.calibration.fit.STEPS_MAX", 6)
         patch.setattr("analysis.calibration.fit.FINE_SUBSTEPS", 5)
         patch.setattr("analysis.calibration.fit.START_ENCODERS", (1.0,))
-        patch.setattr("analysis.calibration.fit.START_HUMPS", (0.01, 0.01))
+        patch.setattr("analysis.calibration.fit.STARTS", STARTS[:searches])
         return calibrate([run], robot)
 
 
@@ -194,8 +196,12 @@ def bristled_run(*, slide: bool, duration_s: float) -> Source:
 
 @pytest.fixture(scope="module")
 def resting():
-    """A calibration of a machine with bristles whose slide does not move; the file has none."""
-    return in_few_steps(bristled_run(slide=False, duration_s=DURATION_S), robot_file())
+    """A calibration of a machine with bristles whose slide does not move; the file has none.
+
+    Its searches begin at all starts.
+    """
+    run = bristled_run(slide=False, duration_s=DURATION_S)
+    return in_few_steps(run, robot_file(), searches=len(STARTS))
 
 
 @pytest.fixture(params=[1, pytest.param(2, marks=pytest.mark.thorough)])
@@ -433,13 +439,16 @@ def test_a_transmission_that_gives_way_is_found_by_its_windup(way, monkeypatch):
     if way.backlash_si:
         monkeypatch.setattr(transmission, "START_RATIOS", transmission.START_RATIOS[1:])
     robot = robot_file()
-    joints = prepare([empty_run(shipped_friction(), duration_s=DURATION_S).recording])
+    joints = prepare([empty_run(shipped_friction(), seed=2, duration_s=DURATION_S).recording])
     shafts = shafts_of(joints, robot, way)
     frame = frame_of(robot, middle_of(joints))
     bristles = [axis * LAW_SIZE + at for axis in (0, 1) for at in range(LAW_SIZE)[BRISTLES]]
     # The hip stays as it is in the file: it moves as the file says.
     hip = (*range(LAW_SIZE), *range(SPRINGS, SPRINGS + 3), *range(NOISE, SIZE, 2))
-    start = Fit(frame, frame.natural, (), 0.0, 0, frozenset((*CANDIDATES, *bristles, *hip)), str)
+    # So do the slide's spring and the shape of its friction, whose search is that of `shipped`.
+    slide = (*range(SPRINGS + 3, SPRINGS + 6), *(LAW_SIZE + at for at in SHAPED))
+    fixed = frozenset((*CANDIDATES, *bristles, *hip, *slide))
+    start = Fit(frame, frame.natural, (), 0.0, 0, fixed, str)
 
     likelihood = Likelihood(frame, shafts, ~shafts.held_out)
     free = fitted_on(start, likelihood, silent, frame.free(frame.natural))
