@@ -111,13 +111,13 @@ def silent(_words: str, _share: float) -> None:
     """Progress that is not shown."""
 
 
-def in_few_steps(run: Source, robot: Robot, searches: int = 1) -> Calibration:
+def in_few_steps(run: Source, robot: Robot) -> Calibration:
     """A calibration whose few searches end early; those of the thorough tests go on."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("analysis.calibration.fit.STEPS_MAX", 6)
         patch.setattr("analysis.calibration.fit.FINE_SUBSTEPS", 5)
         patch.setattr("analysis.calibration.fit.START_ENCODERS", (1.0,))
-        patch.setattr("analysis.calibration.fit.STARTS", STARTS[:searches])
+        patch.setattr("analysis.calibration.fit.STARTS", STARTS[:1])
         return calibrate([run], robot)
 
 
@@ -196,12 +196,8 @@ def bristled_run(*, slide: bool, duration_s: float) -> Source:
 
 @pytest.fixture(scope="module")
 def resting():
-    """A calibration of a machine with bristles whose slide does not move; the file has none.
-
-    Its searches begin at all starts.
-    """
-    run = bristled_run(slide=False, duration_s=DURATION_S)
-    return in_few_steps(run, robot_file(), searches=len(STARTS))
+    """A calibration of a machine with bristles whose slide does not move; the file has none."""
+    return in_few_steps(bristled_run(slide=False, duration_s=DURATION_S), robot_file())
 
 
 @pytest.fixture(params=[1, pytest.param(2, marks=pytest.mark.thorough)])
