@@ -74,8 +74,9 @@ START_BRISTLES: Final = tuple(product((0.4, 1.0, 2.5), (0.1, 0.3, 1.0, 3.0, 10.0
 """Factors on peak, stiffness and damping."""
 START_ENCODERS: Final = (1.0, 30.0, 1 / 30.0)
 """Initial encoder noise over the file's: one that is far too large hides everything else."""
-START_HUMPS: Final = (0.01, 0.2)
-"""Initial humps, in Coulomb levels."""
+STARTS: Final = ((0.01, NOISE + 2), (0.2, NOISE + 2), (0.2, SIZE))
+"""For each search: initial hump, in Coulomb levels, and end of the values from NOISE on that begin
+where the search of noise alone ended."""
 NOISE_STEPS_MAX: Final = 15
 STALLED_STEPS: Final = 6
 """Number of steps without a gain that ends a search."""
@@ -314,7 +315,7 @@ def fit(
     bristled = any(frame.bristled(axis) for axis in range(2))
     laws = [
         _back(frame, _with_initial_noise(frame, regressed(frame, motion, hump)), kept)
-        for hump in START_HUMPS
+        for hump, _ in STARTS
     ]
     centre = laws[0]
 
@@ -340,7 +341,7 @@ def fit(
     if near is None:
         by_noise = [walk(_with_encoders(laws[0], factor), noise=True) for factor in START_ENCODERS]
         noise_free = min(by_noise, key=lambda end: end.loss).free
-        for law, known in ((laws[0], NOISE + 2), (laws[1], NOISE + 2), (laws[1], SIZE)):
+        for law, (_, known) in zip(laws, STARTS, strict=True):
             free = law.copy()
             free[NOISE:known] = noise_free[NOISE:known]
             ends.append(walk(best_start(likelihood, free, motion), ends))

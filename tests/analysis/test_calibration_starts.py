@@ -53,6 +53,12 @@ def run() -> Source:
 
 
 @pytest.fixture(scope="module")
+def short() -> Source:
+    """For tests whose searches stay where they begin."""
+    return one_axis_run(12.0)
+
+
+@pytest.fixture(scope="module")
 def made(run) -> Calibration:
     return calibrate([run], one_axis_file(coulomb_n=14.0, viscous_n_s_per_m=260.0, mass_kg=95.0))
 
@@ -124,7 +130,7 @@ def test_every_start_ends_at_the_same_optimum(run, made, start):
     assert other.fit.loss_per_sample == pytest.approx(made.fit.loss_per_sample, abs=SAME_PER_SAMPLE)
 
 
-def test_two_optima_that_explain_a_recording_equally_well_are_refused(run, tmp_path, monkeypatch):
+def test_two_optima_that_explain_a_recording_equally_well_are_refused(short, tmp_path, monkeypatch):
     """Searches that stay where they begin, as if that were an optimum; one with other friction."""
     begun = []
 
@@ -141,8 +147,9 @@ def test_two_optima_that_explain_a_recording_equally_well_are_refused(run, tmp_p
     monkeypatch.setattr(session, "CANDIDATES", ())
     monkeypatch.setattr(session, "softness", lambda *_: {})
     monkeypatch.setattr(session, "no_better_than_eq_11", lambda *_: "bristles are not meant here")
+    monkeypatch.setattr(session, "like_fitted", lambda frame, *_: frame.natural)
     monkeypatch.setattr(fit, "robust_covariance", lambda _each, fisher, _rows: 0.0 * fisher)
-    recorded = write_csv(run, tmp_path / "run.csv")
+    recorded = write_csv(short, tmp_path / "run.csv")
     robot = tmp_path / "robot.toml"
     text = ROBOT_FILE.read_text()
     for given in ("hip.stiffness_nm_per_rad = 20.0", "slide.stiffness_n_per_m = 120.0"):
@@ -162,9 +169,9 @@ def test_two_optima_that_explain_a_recording_equally_well_are_refused(run, tmp_p
     assert not list(tmp_path.glob("*.robot.toml"))
 
 
-def test_a_second_optimum_is_none_where_its_search_cannot_begin(run, monkeypatch):
+def test_a_second_optimum_is_none_where_its_search_cannot_begin(short, monkeypatch):
     robot = one_axis_file(coulomb_n=14.0, viscous_n_s_per_m=260.0, mass_kg=95.0)
-    motion = prepare([run.recording])
+    motion = prepare([short.recording])
     begun = []
 
     def stays(search, x, steps_max):
@@ -174,6 +181,7 @@ def test_a_second_optimum_is_none_where_its_search_cannot_begin(run, monkeypatch
         return fit._End(begun[-1], 0.0, 1)
 
     monkeypatch.setattr(fit, "_walk", stays)
+    monkeypatch.setattr(fit, "best_start", lambda _, free, motion: free)
     monkeypatch.setattr(fit, "_unidentified", lambda *_: {})
     monkeypatch.setattr(fit, "robust_covariance", lambda _each, fisher, _rows: 0.0 * fisher)
     made = fit.fit(frame_of(robot, middle_of(motion)), motion, lambda *_: None)
@@ -185,10 +193,39 @@ def test_a_second_optimum_is_none_where_its_search_cannot_begin(run, monkeypatch
     assert made.rival() == ""
 
 
-def test_a_quantity_that_is_kept_has_the_file_s_value_in_every_search(run, monkeypatch):
+def test_searches_begin_with_the_best_noise_and_the_best_of_them_counts(short, monkeypatch):
+    """Searches that stay where they begin, but for the encoder's and the effort's noise."""
+    robot = one_axis_file(coulomb_n=14.0, viscous_n_s_per_m=260.0, mass_kg=95.0)
+    motion = prepare([short.recording])
+    count = len(fit.START_ENCODERS)
+    losses = iter((*range(count, 0, -1), 5.0, 3.0, 4.0))
+    begun, ends = [], []
+
+    def stays(search, x, steps_max):
+        begun.append(search.whole(x))
+        ends.append(search.whole(x))
+        if len(begun) <= count:
+            ends[-1][fit.NOISE : fit.TIMING] += 0.1 * len(begun)
+        return fit._End(ends[-1].copy(), next(losses, 0.0), 1)
+
+    monkeypatch.setattr(fit, "_walk", stays)
+    monkeypatch.setattr(fit, "best_start", lambda _, free, motion: free)
+    monkeypatch.setattr(fit, "_identified", lambda _, end, *__: (end, np.zeros(2 * [fit.SIZE])))
+    fit.fit(frame_of(robot, middle_of(motion)), motion, lambda *_: None)
+
+    encoder, effort = slice(fit.NOISE, fit.NOISE + 2), slice(fit.NOISE + 2, fit.TIMING)
+    searches, best_noise = begun[count : count + 3], ends[count - 1]
+    assert all(np.array_equal(one[encoder], best_noise[encoder]) for one in searches)
+    takes_effort = [np.array_equal(one[effort], best_noise[effort]) for one in searches]
+    assert takes_effort == [False, False, True]
+    assert searches[1][1 + fit.LAW_SIZE] > searches[0][1 + fit.LAW_SIZE], "a larger hump"
+    assert np.array_equal(begun[count + 3], searches[1]), "the fine search goes on from the best"
+
+
+def test_a_quantity_that_is_kept_has_the_file_s_value_in_every_search(short, monkeypatch):
     robot = one_axis_file(coulomb_n=14.0, viscous_n_s_per_m=260.0, mass_kg=95.0)
     robot = replaced(robot, {"friction_over_position.slide.slope_per_m": 0.1})
-    motion = prepare([run.recording])
+    motion = prepare([short.recording])
     searched = []
 
     def stays(search, x, steps_max):

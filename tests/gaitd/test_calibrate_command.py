@@ -5,6 +5,7 @@ from command_line import gaitd
 from empty_runs import ROBOT_FILE, empty_run, robot_file, shipped_friction, write_csv
 from gaitd_toml import load_toml
 
+from analysis.calibration.fit import STARTS
 from analysis.calibration.robot_file import write
 from daemon.config.edits import EditError
 from daemon.config.settings import Robot
@@ -20,6 +21,7 @@ def recorded(tmp_path):
 def test_a_calibration_writes_a_robot_file_and_a_page(recorded, tmp_path, monkeypatch):
     # Other starts, and searches that go on, are those of tests/analysis.
     monkeypatch.setattr("analysis.calibration.fit.START_ENCODERS", (1.0,))
+    monkeypatch.setattr("analysis.calibration.fit.STARTS", STARTS[2:])
     monkeypatch.setattr("analysis.calibration.fit.START_BRISTLES", ((1.0, 1.0, 1.0),))
     monkeypatch.setattr("analysis.calibration.fit.FINE_SUBSTEPS", 5)
     monkeypatch.setattr("analysis.calibration.fit.STEPS_MAX", 1)

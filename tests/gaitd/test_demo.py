@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from urllib.error import URLError
 from urllib.request import urlopen
@@ -17,11 +17,13 @@ from urllib.request import urlopen
 import pytest
 from command_line import gaitd
 
+from gaitd_lab.demonstration.performance import Performance
+from gaitd_lab.demonstration.stage import stage
 from gaitd_lab.processes import free_port
 
 pytestmark = pytest.mark.timeout(400)
 DEMO = [sys.executable, "-m", "gaitd", "demo", "--headless"]
-AT_MOST = [*DEMO, "--pace", "max"]
+SHORT_BEGINNING = {"demo.toml": {"gait.announce_s": 0.5, "gait.ramp_strides": 1}}
 AGREEMENT_RATIO = 0.02
 ROUNDING = 0.0101
 """Two printed numbers of two decimals differ by so much where the errors hardly do."""
@@ -61,27 +63,6 @@ def play(picture: Path, *more: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-@contextmanager
-def started(*words, **streams):
-    """A demonstration that goes as fast as it can."""
-    with subprocess.Popen(
-        [*AT_MOST, *map(str, words)],
-        stdin=subprocess.DEVNULL,
-        **streams,
-        text=True,
-        # Who runs the tests in the background of a shell ignores SIGINT, and so would its children.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509
-    ) as demo:
-        yield demo
-
-
-def read_until(stream, text):
-    for line in stream:
-        if text in line:
-            return
-    raise AssertionError(f"{text} was not printed")
-
-
 def known_truth(address: str) -> bool:
     """True if the page has a true effort of the patient at the SYNC of an estimate."""
     with urlopen(f"{address}/past.json", timeout=60) as answer:
@@ -115,10 +96,23 @@ def look_and_kill(address):
     return title
 
 
-@pytest.mark.usefixtures("in_process")
+@pytest.fixture
+def soon(monkeypatch):
+    """Strides that are twice as fast begin earlier; what is waited for is that of the script."""
+
+    def stage_of(trainer, edits, *more, **words):
+        return stage(trainer, {**edits, **SHORT_BEGINNING}, *more, **words)
+
+    monkeypatch.setattr("gaitd_lab.demonstration.performance.stage", stage_of)
+    monkeypatch.setattr("gaitd_lab.demonstration.script.ENABLE_AT_S", 0.0)
+    monkeypatch.setattr("gaitd_lab.demonstration.script.MOVE_AT_S", 0.0)
+    monkeypatch.setattr("gaitd_lab.demonstration.script.GAIT_HZ", 0.5)
+
+
+@pytest.mark.usefixtures("in_process", "soon")
 def test_the_demonstration_plays_judges_and_draws_also_if_its_page_is_killed(tmp_path):
     port, picture = free_port(), tmp_path / "new" / "demo.png"
-    words = ("--headless", "--pace", "max", "--seconds", 15, "--engineer-port", port, "--json")
+    words = ("--headless", "--pace", "max", "--seconds", 8, "--engineer-port", port, "--json")
     with ThreadPoolExecutor(1) as beside:
         page = beside.submit(look_and_kill, f"http://127.0.0.1:{port}")
         ran = gaitd("demo", *words, "--plot", picture)
@@ -180,24 +174,37 @@ def test_a_training_session_is_walked_on_the_pages_of_patient_and_therapist():
     assert places == sorted(places)
 
 
+@pytest.fixture
+def own_handler():
+    """The command's handler of SIGTERM ends with the test."""
+    before = signal.getsignal(signal.SIGTERM)
+    yield
+    signal.signal(signal.SIGTERM, before)
+
+
+@pytest.mark.usefixtures("own_handler")
 @pytest.mark.parametrize(
     "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.thorough)]
 )
-def test_an_interrupted_training_ends_its_processes_within_its_time(number, tmp_path):
-    document = tmp_path / "document"
-    ports = ("--patient-port", free_port(), "--therapist-port", free_port())
-    words = ("--session", "--engineer-port", 0, *ports, "--json")
-    with document.open("w") as out, started(*words, stdout=out, stderr=subprocess.PIPE) as demo:
-        read_until(demo.stderr, "motion is announced")
-        processes = descendants(demo.pid)
-        demo.send_signal(number)
-        rest = demo.stderr.read()
+def test_an_interrupted_training_ends_its_processes_within_its_time(number, monkeypatch):
+    others, processes = descendants(os.getpid()), []
 
-    told = json.loads(document.read_text())
-    assert (demo.returncode, told["passed"], told["picture"]) == (1, False, None)
+    def begin(performance, scene):
+        begin_scene(performance, scene)
+        if scene.title == "motion is announced":
+            processes.extend(pid for pid in descendants(os.getpid()) if pid not in others)
+            signal.raise_signal(number)
+
+    begin_scene = Performance.begin
+    monkeypatch.setattr(Performance, "begin", begin)
+    ports = ("--patient-port", free_port(), "--therapist-port", free_port())
+    ran = gaitd("demo", "--session", "--pace", "max", "--engineer-port", 0, *ports, "--json")
+
+    told = json.loads(ran.out)
+    assert (ran.code, told["passed"], told["picture"]) == (1, False, None)
     assert "interrupted" in told["trouble"]
     assert told["session"]["summary"]["end"] == "left", "the page's server has ended in order"
-    assert "session left: walked 0 s" in rest
-    assert "Traceback" not in rest
+    assert "session left: walked 0 s" in ran.err
+    assert "Traceback" not in ran.err
     assert len(processes) == 6, "virtual drives, service, core, gateway, two pages"
     assert not any(map(lives, processes))

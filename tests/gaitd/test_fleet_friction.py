@@ -49,9 +49,9 @@ def worn(robot, ratio):
     return msgspec.structs.replace(robot, friction=friction)
 
 
-def after_self_test(ratio, week, seed):
+def after_self_test(configs, ratio, week, seed):
     """From power-on to the end of a self-test."""
-    settings = load(CONFIGS / "demo.toml")
+    settings = load(configs / "demo.toml")
     machine = virtual_machine(settings.file, robot=worn(settings.robot, ratio), seed=seed)
     session = LockstepSession(settings, machine)
     session.clock.utc_stepped_ns = week * round(WEEK.total_seconds() * 1e9)
@@ -61,9 +61,9 @@ def after_self_test(ratio, week, seed):
 
 
 @pytest.fixture(scope="module")
-def sessions():
+def sessions(soon):
     """Four weeks of one trainer."""
-    return [after_self_test(GROWTH**week, week, seed=10 + week) for week in range(WEEKS)]
+    return [after_self_test(soon, GROWTH**week, week, seed=10 + week) for week in range(WEEKS)]
 
 
 @pytest.fixture(scope="module")
@@ -262,9 +262,9 @@ def test_duckdb_merges_as_numpy_and_scipy_do(tmp_path, warm_database):
 
 
 @pytest.mark.thorough
-def test_a_trainer_that_does_not_wear_has_no_trend(tmp_path, warm_database):
+def test_a_trainer_that_does_not_wear_has_no_trend(soon, tmp_path, warm_database):
     for week in range(WEEKS):
-        session = after_self_test(1.0, week, seed=100 + week)
+        session = after_self_test(soon, 1.0, week, seed=100 + week)
         record(published_by(session, "steady"), tmp_path / "recordings", Purpose.TRAINING)
 
     ended, told = friction([tmp_path / "recordings"], tmp_path / "out")

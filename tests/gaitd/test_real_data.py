@@ -21,6 +21,9 @@ from scipy.io import savemat
 from scipy.signal import butter, lfilter
 from sessions import CONFIGS
 
+from analysis.calibration import session
+from analysis.calibration.fit import STARTS
+from analysis.recording import RecordingError
 from daemon.config.settings import Robot
 from gaitd_lab.studies.real_data import hip_moment, strides
 from gaitd_lab.studies.real_data.classical import Axis, inverse_dynamics, momentum_observer
@@ -40,6 +43,7 @@ from gaitd_lab.trials import Situation, Trials
 from observer.mechanism.friction import FrictionParameters
 from sim_drives.plant.recorded import read_strides
 
+FIT = session._fit
 GAIN_N_PER_V = 35.15
 PULSE_V = 5.07
 ROWS = 1500
@@ -86,17 +90,28 @@ def by_name(head, rows):
     return {name: dict(zip(head[1:], cells, strict=True)) for name, *cells in rows}
 
 
+def fit_without_bristles(start, given, *more):
+    """A fit of the law of the given file; none of bristles."""
+    if start is not given:
+        raise RecordingError("bristles are left out")
+    return FIT(start, given, *more)
+
+
 @pytest.fixture(scope="module")
 def tables(recordings, tmp_path_factory):
     """What the command prints as JSON."""
     output = tmp_path_factory.mktemp("page")
     with pytest.MonkeyPatch.context() as patch:
-        # Other starts, and searches that go on, are those of tests/analysis.
+        # Other starts, searches that go on, and bristles are those of tests/analysis.
         patch.setattr("analysis.calibration.fit.START_ENCODERS", (1.0,))
+        patch.setattr("analysis.calibration.fit.STARTS", STARTS[:1])
         patch.setattr("analysis.calibration.fit.STEPS_MAX", 6)
+        patch.setattr("analysis.calibration.fit.FINE_SUBSTEPS", 5)
+        patch.setattr("analysis.calibration.session._fit", fit_without_bristles)
         patch.setattr("gaitd_lab.studies.real_data.measured_patient.SEEDS", 1)
         patch.setattr("gaitd_lab.studies.real_data.measured_patient.STRIDES", 8)
         patch.setattr("gaitd_lab.studies.real_data.study.CADENCES_HZ", (0.5,))
+        patch.setattr("gaitd_lab.studies.report.DPI", 20)
         ran = gaitd("real-data", recordings, "--output", output, "--json")
     assert ran.code == 0, ran.err
     assert {path.name for path in output.iterdir()} == {

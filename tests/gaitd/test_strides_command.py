@@ -20,8 +20,8 @@ from observer.offline.batch import Columns
 from observer.strides import strides_of
 
 
-def test_a_walk_is_measured_from_its_second_stride_on():
-    walk = Trials(CONFIGS / "demo.toml").gait(Situation(cadence_hz=0.5, programme="active"), 11.0)
+def test_a_walk_is_measured_from_its_second_stride_on(soon):
+    walk = Trials(soon / "demo.toml").gait(Situation(cadence_hz=0.5, programme="active"), 11.0)
 
     figures = measure(walk, walk.robot)
 
@@ -44,6 +44,7 @@ def test_the_table_has_median_and_range_of_all_seeds(tmp_path, monkeypatch):
     figures = [{"filter, rms error": (one, 2.0 * one)} for one in (0.3, 0.1, 0.2)]
     monkeypatch.setattr(study, "cases", lambda *_: [Case(Situation(programme="active"), figures)])
     monkeypatch.setattr(study, "DRAWN_S", 3.0)
+    monkeypatch.setattr("gaitd_lab.studies.report.DPI", 20)
     files = Table("Wrong files", ("file", "error"), [("leg heavier", measured([1.0, 3.0], "N"))])
     monkeypatch.setattr(study.wrong_file, "table", lambda *_: files)
 

@@ -5,7 +5,6 @@ import dataclasses
 import msgspec
 import numpy as np
 import pytest
-from sessions import CONFIGS
 
 from gaitd_lab.trial import (
     Trial,
@@ -17,7 +16,6 @@ from gaitd_lab.trial import (
 )
 from gaitd_lab.trials import TrialError, Trials, balanced
 
-CONFIG = CONFIGS / "demo.toml"
 ENCODER_NOISE = np.array([5e-5, 2e-5])
 QUANTUM = np.array([2 * np.pi / (4 * 1024 * 100), 0.15 / (4 * 512 * 6)])
 LATCH_S = 30e-6
@@ -25,8 +23,8 @@ MID_POSE = (np.radians(13.98), 0.5905)
 
 
 @pytest.fixture(scope="module")
-def trials() -> Trials:
-    return Trials(CONFIG)
+def trials(soon) -> Trials:
+    return Trials(soon / "demo.toml")
 
 
 def test_recording_and_truth_are_of_the_same_instants(walk):
@@ -36,7 +34,7 @@ def test_recording_and_truth_are_of_the_same_instants(walk):
     measured = np.isfinite(wrong)
 
     assert np.abs(np.diff(walk.truth[walk.judged, 0])).max() > 100 * QUANTUM[0]
-    assert measured.mean() > 0.999
+    assert measured[1:].all()
     assert (wrong <= allowed)[measured].all()
 
 
@@ -76,13 +74,13 @@ def test_an_unknown_scenario_says_why(trials):
         trials.excite("nowhere", 5.0)
 
 
-def test_another_patient_is_carried_by_the_springs_at_mid_pose(trials):
+def test_another_patient_is_carried_by_the_springs_at_mid_pose(trials, soon):
     patient = msgspec.structs.replace(trials.robot.patient, mass_kg=110.0)
     sagging = msgspec.structs.replace(trials.robot, patient=patient)
     heavy = balanced(sagging, MID_POSE)
 
     def effort_of(robot):
-        return np.abs(Trials(CONFIG, robot).rest(2.0).recording.effort[-50:]).max()
+        return np.abs(Trials(soon / "demo.toml", robot).rest(2.0).recording.effort[-50:]).max()
 
     assert effort_of(heavy) < 8.0 < effort_of(sagging)
 

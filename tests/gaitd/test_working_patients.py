@@ -2,14 +2,11 @@
 
 import numpy as np
 import pytest
-from sessions import CONFIGS
 
 import gaitd_lab.testing
 from gaitd_lab.patients import Gait, Late, Spasm, clonic, of_ability, trembling, weak
 from gaitd_lab.studies.working_patients import CONTROLS, HEAD, MODELS, Cell, cells, play, table
 from sim_drives.plant.settings import FrictionLaw
-
-CONFIG = CONFIGS / "demo.toml"
 
 
 def felt(time_s=5.0, phase_ratio=0.5, error=(0.0, 0.0), direction=(1.0, -1.0)):
@@ -24,8 +21,14 @@ def felt(time_s=5.0, phase_ratio=0.5, error=(0.0, 0.0), direction=(1.0, -1.0)):
     )
 
 
-def walked(patient, *, law=FrictionLaw.PAPER, seed=1, duration_s=12.0, cadence_hz=0.25):
-    return play(CONFIG, Cell(patient, cadence_hz, law, seed), duration_s)
+@pytest.fixture
+def walked(soon):
+    """Plays a cell."""
+
+    def walked(patient, *, law=FrictionLaw.PAPER, seed=1, duration_s=12.0, cadence_hz=0.25):
+        return play(soon / "demo.toml", Cell(patient, cadence_hz, law, seed), duration_s)
+
+    return walked
 
 
 def test_the_plugin_exports_each_patient():
@@ -98,14 +101,14 @@ def test_each_patient_and_each_control_has_its_cells():
         ),
     ],
 )
-def test_a_machine_that_must_stop_stops(control, cause):
+def test_a_machine_that_must_stop_stops(walked, control, cause):
     played = walked(control)
 
     assert played.cause == cause
     assert played.stopped_s < 10.0
 
 
-def test_a_row_says_what_a_cell_gives_and_the_observer_knows_the_bristles_of_its_machine():
+def test_a_row_says_what_a_cell_gives_and_the_observer_knows_the_bristles_of_its_machine(walked):
     played = walked("half", law=FrictionLaw.LUGRE, cadence_hz=0.5, duration_s=6.0)
 
     assert not played.cause
@@ -118,7 +121,7 @@ def test_a_row_says_what_a_cell_gives_and_the_observer_knows_the_bristles_of_its
     assert played.slide.error_si < 0.15 * played.slide.patient_si  # 0.22 with the paper's law
 
 
-def test_a_refused_gait_is_a_row_too():
+def test_a_refused_gait_is_a_row_too(walked):
     played = walked("half", cadence_hz=3.0)
 
     assert played.cause.startswith("refused: ")

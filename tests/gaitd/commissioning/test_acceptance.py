@@ -41,6 +41,13 @@ EMPTY = (
     ("demo.toml", 'required = "never"', 'required = "daily"'),
     ("demo.toml", "announce_s = 3.0", "announce_s = 0.5"),
     ("demo.toml", "ramp_strides = 2", "ramp_strides = 1"),
+    # Motions before those that are judged are quicker than a person would like to see them.
+    ("demo.toml", "approach_rad_per_s = 0.2", "approach_rad_per_s = 0.5"),
+    ("demo.toml", "approach_m_per_s = 0.15", "approach_m_per_s = 0.4"),
+    ("demo.toml", "torque_rate_nm_per_s = 6.0", "torque_rate_nm_per_s = 12.0"),
+    ("demo.toml", "force_rate_n_per_s = 60.0", "force_rate_n_per_s = 120.0"),
+    ("demo.toml", "speed_rad_per_s = 0.1 ", "speed_rad_per_s = 0.17 "),
+    ("demo.toml", "speed_m_per_s = 0.05", "speed_m_per_s = 0.09"),
 )
 BEFORE = "[[patient.programme]]                  # pushes against a leg that is held still"
 LED = """[[patient.programme]]
