@@ -196,7 +196,7 @@ def test_an_error_of_a_mass_or_an_offset_is_in_net_at_rest_in_motion_and_after_a
 
 
 def test_what_has_faded_is_nothing_and_no_number_that_slows_a_processor():
-    """Of an offset of the hip's drive the slide sees less in each cycle."""
+    """An error of the hip reaches the slide less in each cycle."""
     path = gait(PATIENT, (np.arange(4000) + 1) * 0.01, 0.25)
     walk = encoded(simulate(PATIENT, len(path), reference=path))
     leg = LegObserver(*OWN[:3], SHIPPED, [OWN._replace(drives=Drives(effort_offset_hip_nm=1.0))])
