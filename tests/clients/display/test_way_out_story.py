@@ -29,15 +29,6 @@ from daemon.preflight.acceptance import check_files
 from gaitd_lab.processes import memory_folder
 
 GAIT_RATIO = 0.3
-QUICKER = {
-    "demo.toml": {
-        "gait.announce_s": 0.5,
-        "gait.ramp_strides": 1,
-        "gait.hip.approach_rad_per_s": 0.8,
-        "gait.slide.approach_m_per_s": 0.6,
-    }
-}
-"""The gait begins sooner."""
 DRIVES = ("right/hip", "right/slide")
 
 
@@ -103,12 +94,12 @@ def test_a_person_alone_gets_from_a_stop_to_where_the_straps_can_be_opened(
     clients = {"operator.desk": False, "session.patient": False}
     with (
         tempfile.TemporaryDirectory(dir=memory_folder()) as folder,
-        TrainerWithKeys(Path(folder), clients, gentle_configs, edits=QUICKER) as machine,
+        TrainerWithKeys(Path(folder), clients, gentle_configs) as machine,
     ):
         machine.start_all()
         written_check(machine.config, tmp_path / "check.json")
         by_keys = {"credentials": machine.credentials("session.patient")}
-        machine.gait(cadence_hz=0.5)
+        machine.gait(cadence_hz=0.3)
         with shown(machine, table, tmp_path, **by_keys) as page:
             page.until(lambda now: now["word"] in {"go_on", "more", "good", "gently"})
             assert page.post("/stop").json()["outcome"] == "done"
