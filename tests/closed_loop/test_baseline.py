@@ -24,13 +24,13 @@ def walked():
     settings = replace(settings, robot=replace_fields(settings.robot, patient=light))
     made = LockstepSession(briefly_announced(settings)).enable()
     made.command("patient passive")
-    wanted = ModeRequest(Mode.GAIT, 0.4, 1.0, duration_s=33.0, baseline=True)
+    wanted = ModeRequest(Mode.GAIT, 0.5, 1.0, duration_s=26.0, baseline=True)
     made.execute(RequestKind.MODE, wanted)
     made.run_until(lambda record: record.stage is Stage.OVER or record.mode == Mode.HOLD, 60)
     made.command("patient active")
-    made.execute(RequestKind.MODE, ModeRequest(Mode.GAIT, 0.3, 1.0, duration_s=60.0))
+    made.execute(RequestKind.MODE, ModeRequest(Mode.GAIT, 0.4, 1.0, duration_s=60.0))
     made.run_until(lambda record: record.gait_phase >= 0, 20)
-    made.run(9)
+    made.run(8)
     return made
 
 
@@ -67,7 +67,7 @@ def is_reported_and_what_follows_is_right(session):
     ]
 
     (begun, _), (taken, told) = events
-    during, later = session.records[taken - 1500 : taken - 50], session.records[-800:]
+    during, later = session.records[taken - 1000 : taken - 50], session.records[-600:]
     assert told.subject == "right"
     assert not any(Status.BASELINE & record.legs[0].status for record in session.records[:begun])
     assert all(Status.BASELINE & record.legs[0].status for record in later)
@@ -104,7 +104,7 @@ def need_holds_what_the_minute_explains(session):
         if any(event.code is EventCode.BASELINE_TAKEN for event in record.events)
     ]
     before = surplus(session, session.records[taken - 500 : taken - 50])
-    after = surplus(session, session.records[-800:])
+    after = surplus(session, session.records[-600:])
 
     assert np.sqrt(np.mean(before**2, axis=0))[0] > 2.0
     assert (np.sqrt(np.mean(after**2, axis=0)) < (1.0, 10.0)).all()

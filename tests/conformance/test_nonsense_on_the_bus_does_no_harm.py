@@ -27,6 +27,9 @@ MAKES = (lambda _: CONFIGS, generic_drives, elmo_drives)
 """Drives like an EPOS4, plain CiA 402 drives, drives like an Elmo."""
 TALK_S = 1.5
 PAUSE_S = 2.0
+RESET_S = 3.0
+STAYS_S = 0.5
+"""What is back in ready stays there."""
 
 
 class Fuzz:
@@ -91,10 +94,16 @@ class Fuzz:
         self.babbler.stop()
         self.run(PAUSE_S)
         for _ in range(5):
-            if self.refusal is not None or self.session.record.mode == Mode.READY:
+            if self.is_back():
                 break
             self.session.request(RequestKind.RESET)
-            self.run(3.0)
+            end_ns = self.bus.now_ns + int(RESET_S * 1e9)
+            while self.bus.now_ns < end_ns and not self.is_back():
+                self.run(0.1)
+        self.run(STAYS_S)
+        return self.is_back()
+
+    def is_back(self):
         return self.refusal is not None or self.session.record.mode == Mode.READY
 
 

@@ -171,23 +171,6 @@ def test_a_second_core_with_directories_of_its_own_finds_the_other_master_and_se
     )
 
 
-def test_a_ring_that_is_none_is_replaced_by_the_core_and_waited_out_by_the_gateway(long_service):
-    service = long_service.bring(Mode.READY)
-    run = service.folder / "run"
-    service.kill("core")
-    (run / "records.ring").unlink()
-    (run / "records.ring").write_bytes(b"rubbish" * 4096)
-    service.kill("gateway")
-    gateway = service.start("gateway")
-    service.wait(lambda: "records.ring" in service.log("gateway"), TIMEOUT_S)
-
-    (run / "records.ring").unlink()
-    service.bring(Mode.READY)
-
-    assert gateway.poll() is None
-    assert service.runs("gateway")
-
-
 def test_a_runtime_directory_that_disappears_stops_the_machine_and_ends_no_process(
     walking, seen, fault_table
 ):

@@ -7,14 +7,25 @@ from pathlib import Path
 import pytest
 from gaitd_client import Cause, Trainer
 from gaitd_names import Mode
-from gaitd_session import Advice, Button, Phase, Session, Store, open_history, parse_profile
+from gaitd_session import (
+    Advice,
+    Button,
+    Phase,
+    Session,
+    Store,
+    machine,
+    open_history,
+    parse_profile,
+)
 from gaitd_session.export import export
 from gaitd_session.machine import LEFT_MIN_S
 from training import PROFILE
 
 FOLLOWED_S = 60.0
-WALKED_S = 7.0
+WALKED_S = 5.0
 """The warm-up, the shortest with a whole stride behind the stop."""
+ANNOUNCED_S = 1.5
+"""Half the time of the client: long enough for the leg to be held at rest."""
 BRIEF = parse_profile(
     PROFILE.replace("duration_s = 10.0", f"duration_s = {WALKED_S}"), Path("profile.toml")
 )
@@ -25,9 +36,12 @@ def quick(required):
     return {
         "demo.toml": {
             "gait.announce_s": 0.5,
-            "gait.hip.approach_rad_per_s": 0.4,
-            "gait.slide.approach_m_per_s": 0.3,
+            "gait.ramp_strides": 1,
+            "gait.hip.approach_rad_per_s": 0.8,
+            "gait.slide.approach_m_per_s": 0.6,
             "self_test.required": required,
+            "self_test.hip.speed_rad_per_s": 0.15,
+            "self_test.slide.speed_m_per_s": 0.1,
         }
     }
 
@@ -80,8 +94,9 @@ class Patient:
     ],
 )
 def test_a_patient_who_does_as_told_passes_the_test_walks_is_stopped_and_goes_on(
-    virtual_trainers, tmp_path, required
+    virtual_trainers, tmp_path, required, monkeypatch
 ):
+    monkeypatch.setattr(machine, "ANNOUNCE_S", ANNOUNCED_S)
     virtual_trainer = virtual_trainers(quick(required))
     file = tmp_path / "history.sqlite"
     history = open_history(file)
