@@ -45,9 +45,9 @@ ALIKE_COUNT = 3
 
 
 def alike():
-    """Faults of which a turn plays one: that stop by one law, or of three that stop nothing.
+    """Groups of faults of which a turn plays one: up to three of one law, or that stop nothing.
 
-    Emergencies of one law differ in the first digit of their code, so one of them all is enough.
+    All emergencies of one law are a group: they differ in the first digit of their code.
     """
     emergencies = [
         [name for name in sorted(FAULTS) if name.endswith(like[6:]) and LAWS[name] == LAWS[like]]
