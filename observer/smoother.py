@@ -15,8 +15,8 @@ P_k - G P- G' equals W_k, but W_k is a sum of squares: nothing is subtracted fro
 either. Where the filter restarted the chain is cut: later samples do not affect earlier estimates.
 
 The derivatives by considered parameters go back with the mean, by the same gains. What innovations
-show beyond the filter's covariance (`surprise.py`) counts for all cycles that they revise: the
-largest of them.
+show beyond the filter's covariance (`surprise.py`) comes after the cycle that it revises: each one
+has the largest of what it and the cycles after it show.
 
 The result is what is published: without the part that a passive baseline explains.
 

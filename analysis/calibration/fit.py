@@ -75,8 +75,8 @@ START_BRISTLES: Final = tuple(product((0.4, 1.0, 2.5), (0.1, 0.3, 1.0, 3.0, 10.0
 START_ENCODERS: Final = (1.0, 30.0, 1 / 30.0)
 """Initial encoder noise over the file's: one that is far too large hides everything else."""
 STARTS: Final = ((0.01, NOISE + 2), (0.2, NOISE + 2), (0.2, SIZE))
-"""For each search: initial hump, in Coulomb levels, and end of the values from NOISE on that begin
-where the search of noise alone ended."""
+"""For each search: initial hump, in Coulomb levels, and which values from NOISE on begin where the
+search of noise alone ended: those before this place."""
 NOISE_STEPS_MAX: Final = 15
 STALLED_STEPS: Final = 6
 """Number of steps without a gain that ends a search."""

@@ -62,6 +62,7 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 FADED: Final = 1e-100
+"""A derivative below it is 0, in the units of its state."""
 RATE: Final = N
 """Place of both patient rates behind the mean."""
 

@@ -185,8 +185,8 @@ def test_the_page_has_the_laws_of_today():
         assert section in written, "stale: `gaitd matrix --output docs/evidence`"
 
 
-def test_each_sample_has_every_mode_and_a_fault_of_each_law_with_power_in_the_drives():
-    every_cause = {law.causes for law in LAWS.values()}
+def test_each_sample_has_every_mode_and_a_fault_of_each_law_that_stops_with_power_in_the_drives():
+    stopping = {law for law in LAWS.values() if law.stops}
 
     for number in range(TURNS):
         played = sample(number)
@@ -194,7 +194,7 @@ def test_each_sample_has_every_mode_and_a_fault_of_each_law_with_power_in_the_dr
         assert {cell.mode for cell in played} == set(COLUMNS), number
         assert {cell.axis for cell in played} == {"", *AXES}, number
         assert {cell.fault for cell in played if cell.mode in DRIVEN} == set(faults_of(number))
-        assert {LAWS[one].causes for one in faults_of(number)} == every_cause, number
+        assert {LAWS[one] for one in faults_of(number)} >= stopping, number
 
 
 def test_the_samples_of_all_turns_are_all_cells():

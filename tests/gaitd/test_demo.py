@@ -18,12 +18,10 @@ import pytest
 from command_line import gaitd
 
 from gaitd_lab.demonstration.performance import Performance
-from gaitd_lab.demonstration.stage import stage
 from gaitd_lab.processes import free_port
 
 pytestmark = pytest.mark.timeout(400)
 DEMO = [sys.executable, "-m", "gaitd", "demo", "--headless"]
-SHORT_BEGINNING = {"demo.toml": {"gait.announce_s": 0.5, "gait.ramp_strides": 1}}
 AGREEMENT_RATIO = 0.02
 ROUNDING = 0.0101
 """Two printed numbers of two decimals differ by so much where the errors hardly do."""
@@ -96,23 +94,10 @@ def look_and_kill(address):
     return title
 
 
-@pytest.fixture
-def soon(monkeypatch):
-    """Strides that are twice as fast begin earlier; what is waited for is that of the script."""
-
-    def stage_of(trainer, edits, *more, **words):
-        return stage(trainer, {**edits, **SHORT_BEGINNING}, *more, **words)
-
-    monkeypatch.setattr("gaitd_lab.demonstration.performance.stage", stage_of)
-    monkeypatch.setattr("gaitd_lab.demonstration.script.ENABLE_AT_S", 0.0)
-    monkeypatch.setattr("gaitd_lab.demonstration.script.MOVE_AT_S", 0.0)
-    monkeypatch.setattr("gaitd_lab.demonstration.script.GAIT_HZ", 0.5)
-
-
-@pytest.mark.usefixtures("in_process", "soon")
+@pytest.mark.usefixtures("in_process")
 def test_the_demonstration_plays_judges_and_draws_also_if_its_page_is_killed(tmp_path):
     port, picture = free_port(), tmp_path / "new" / "demo.png"
-    words = ("--headless", "--pace", "max", "--seconds", 8, "--engineer-port", port, "--json")
+    words = ("--headless", "--pace", "max", "--seconds", 15, "--engineer-port", port, "--json")
     with ThreadPoolExecutor(1) as beside:
         page = beside.submit(look_and_kill, f"http://127.0.0.1:{port}")
         ran = gaitd("demo", *words, "--plot", picture)

@@ -78,7 +78,7 @@ def test_a_baseline_takes_off_what_a_wrong_file_adds_and_sigma_holds_what_is_sta
         assert errors_nm[name, "with"] < 1.3 * errors_nm[name, "the true file"]
     falls = {how: cells for name, _, how, *cells in rows if name.startswith("friction falls")}
     for error, sigma, beyond in (falls["with"][:3], falls["with"][3:]):
-        assert sigma.value < 2.5 * error.value
+        assert 0.4 * error.value < sigma.value < 2.5 * error.value
         assert beyond.value < 1.0
     assert falls["with"][0].value > 1.3 * falls["the true file"][0].value
     drawn = {how: cells for name, _, how, *cells in rows if name.startswith("all samples")}

@@ -22,7 +22,7 @@ from gaitd_session.machine import LEFT_MIN_S
 from training import PROFILE
 
 FOLLOWED_S = 60.0
-WALKED_S = 5.0
+WALKED_S = 7.0
 """The warm-up, the shortest with a whole stride behind the stop."""
 ANNOUNCED_S = 1.5
 """Half the time of the client: long enough for the leg to be held at rest."""

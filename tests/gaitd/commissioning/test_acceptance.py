@@ -41,7 +41,7 @@ EMPTY = (
     ("demo.toml", 'required = "never"', 'required = "daily"'),
     ("demo.toml", "announce_s = 3.0", "announce_s = 0.5"),
     ("demo.toml", "ramp_strides = 2", "ramp_strides = 1"),
-    # Motions before those that are judged are quicker than a person would like to see them.
+    # Approach, sign test and self-test are quicker than a person would like; no speed is judged.
     ("demo.toml", "approach_rad_per_s = 0.2", "approach_rad_per_s = 0.5"),
     ("demo.toml", "approach_m_per_s = 0.15", "approach_m_per_s = 0.4"),
     ("demo.toml", "torque_rate_nm_per_s = 6.0", "torque_rate_nm_per_s = 12.0"),
