@@ -202,7 +202,10 @@ def test_what_has_faded_is_nothing_and_no_number_that_slows_a_processor():
     leg = LegObserver(*OWN[:3], SHIPPED, [OWN._replace(drives=Drives(effort_offset_hip_nm=1.0))])
     memory, _ = leg.buffers
     leg.reset(walk.position[0])
+    was_there = np.zeros(memory[0]["sensitivity"].shape, dtype=bool)
     for position, effort in zip(walk.position, walk.effort, strict=True):
         leg.step(position, effort, 0.01)
         sizes = np.abs(memory[0]["sensitivity"])
+        was_there |= sizes > 0.0
         assert not ((sizes > 0.0) & (sizes < np.finfo(float).tiny)).any()
+    assert (was_there & (sizes == 0.0)).any()

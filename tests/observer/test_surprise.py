@@ -7,7 +7,7 @@ from observer.filter.considered import Drives, Variant
 from observer.filter.leg_filter import OUT_SIZE, advance
 from observer.filter.leg_observer import setup_of
 from observer.filter.status import Validity
-from observer.offline.batch import begun_memory, run
+from observer.offline.batch import Columns, begun_memory, run
 from observer.offline.smooth_batch import run_smoothed
 from observer.smoother import LAG
 from tests.observer.trainer import (
@@ -97,6 +97,22 @@ def test_the_smoother_holds_the_largest_of_all_cycles_that_revise_its_own(swings
     largest = [shown[row : row + LAG + 1].max() for row in rows]
     np.testing.assert_allclose(revised[rows], largest, rtol=1e-6, atol=1e-8)
     assert np.mean(revised[rows] > 2.0 * shown[rows] + 0.1) > 0.1
+
+
+def test_what_comes_after_a_gap_does_not_count_for_the_smoothed_estimate_before_it(swings):
+    _, columns = swings
+    gap = int(np.argmax(seen(columns, [ALMOST_SURE]).std[600:, 6])) + 600 - 5
+    time_s = columns.time_s + np.where(np.arange(len(columns.time_s)) >= gap, 10.0, 0.0)
+    columns = Columns(time_s, columns.position, columns.effort)
+    shown, revised = (
+        (seen(columns, [ALMOST_SURE], how).std ** 2 - seen(columns, (), how).std ** 2)[:, 6]
+        for how in (run, run_smoothed)
+    )
+
+    before = range(gap - LAG, gap)
+    largest = [shown[row:gap].max() for row in before]
+    np.testing.assert_allclose(revised[list(before)], largest, rtol=1e-6, atol=1e-8)
+    assert shown[gap : gap + LAG].max() > 2.0 * max(largest) + 0.1
 
 
 def test_what_the_transmission_hides_already_is_not_added_again(swings):

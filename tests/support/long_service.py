@@ -28,8 +28,9 @@ QUICKER = {
     "gait.hip.approach_rad_per_s": 0.8,
     "gait.slide.approach_m_per_s": 0.6,
 }
-CADENCE_HZ = 0.5
-"""The quickest that demo.toml allows: the leg is fast soonest."""
+CADENCE_HZ = 0.45
+"""The leg is fast soon. At 0.5 Hz a leg that is switched off in the fastest part of its stride is
+too fast to stop within its range (STOPPING_PATH)."""
 
 
 class LongService(VirtualTrainer):
