@@ -45,7 +45,7 @@ from observer.filter.considered import (
     table_of,
 )
 from observer.filter.leg_observer import Setup, setup_of, with_baseline
-from observer.filter.states import PATIENT
+from observer.filter.states import FRICTION, PATIENT
 from observer.filter.status import Validity
 from observer.mechanism.friction import FrictionParameters
 from observer.mechanism.parameters import LegParameters
@@ -311,7 +311,7 @@ def _falling_rows(
         }
     except NotPassiveError:
         return [(name, "", "refused", *("",) * len(_HEAD))]
-    found: dict[tuple[str, float, str], list[tuple[Values, Values]]] = {}
+    found: dict[tuple[str, float, str], list[_Errors]] = {}
     for cadence_hz, age_s, (number, seed) in product(CADENCES_HZ, AGES_S, enumerate(seeds)):
         file = File(next(iter(rigid.values())).passive[number].robot)
         fallen = more_friction(file.robot, 1.0 - FALLS_RATIO * age_s / FALLS_S)
@@ -338,9 +338,19 @@ def _shown(every: Sequence[T], told: Callable[[float], None]) -> Iterator[T]:
         yield one
 
 
-_HEAD: Final = tuple(
-    f"{axis}: {what}" for axis in ("hip", "slide") for what in ("error", "sigma", "beyond 3 sigma")
-)
+_OF_AXIS: Final = "error", "sigma", "beyond 3 sigma", "friction beyond 3 sigma", "valid"
+_HEAD: Final = tuple(f"{axis}: {what}" for axis in ("hip", "slide") for what in _OF_AXIS)
+
+
+class _Errors(NamedTuple):
+    """Errors of one walk and their sigmas where both axes are valid, (n, 2)."""
+
+    patient: Values
+    patient_std: Values
+    friction: Values
+    friction_std: Values
+    valid: Values
+    """1 where an axis that moves is valid and 0 where not, NaN where it rests; all rows, (m, 2)."""
 
 
 def _columns(trial: Trial, file: File) -> Columns:
@@ -401,28 +411,37 @@ def _minute(file: File, passive: Trial) -> Baseline:
     return baseline_of(run_smoothed(_setup(file), columns), columns, frictional(file.robot))
 
 
-def _errors(trial: Trial, file: File, setup: Setup) -> tuple[Values, Values]:
-    """Errors of the patient and their sigma where both axes are valid."""
+def _errors(trial: Trial, file: File, setup: Setup) -> _Errors:
     columns = _columns(trial, file)
     found = run(setup, columns)
-    settled = columns.time_s - columns.time_s[0] > SETTLED_S
-    rows = settled & trial.judged & (found.validity == Validity.OK).all(axis=1)
-    error = found.state[rows][:, PATIENT] - trial.truth[rows][:, PATIENT]
-    return error, found.std[rows][:, PATIENT]
+    judged = (columns.time_s - columns.time_s[0] > SETTLED_S) & trial.judged
+    valid = found.validity == Validity.OK
+    rows = judged & valid.all(axis=1)
+    error, std = (found.state - trial.truth)[rows], found.std[rows]
+    of_moving = np.where(trial.moving, valid.astype(float), np.nan)[judged]
+    return _Errors(
+        error[:, PATIENT], std[:, PATIENT], error[:, FRICTION], std[:, FRICTION], of_moving
+    )
 
 
-def _as_one(found: Sequence[tuple[Values, Values]]) -> tuple[Values, Values]:
-    """Join the errors of many files, and their sigmas."""
-    errors, stds = zip(*found, strict=True)
-    return np.concatenate(errors), np.concatenate(stds)
+def _as_one(found: Sequence[_Errors]) -> _Errors:
+    """Join what was found with many files."""
+    return _Errors(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
 
-def _cells(found: Sequence[tuple[Values, Values]]) -> list[Cell]:
+def _cells(found: Sequence[_Errors]) -> list[Cell]:
     cells: list[Cell] = []
     for axis, unit in enumerate(UNITS):
-        pairs = [(error[:, axis], std[:, axis]) for error, std in found]
-        cells.append(measured((rms(error) for error, _ in pairs), unit))
-        cells.append(measured((rms(std) for _, std in pairs), unit))
-        beyond = (float(100.0 * np.mean(np.abs(error) > SIGMAS * std)) for error, std in pairs)
-        cells.append(measured(beyond, "%"))
+        cells.append(measured((rms(one.patient[:, axis]) for one in found), unit))
+        cells.append(measured((rms(one.patient_std[:, axis]) for one in found), unit))
+        patient = (_beyond(one.patient[:, axis], one.patient_std[:, axis]) for one in found)
+        friction = (_beyond(one.friction[:, axis], one.friction_std[:, axis]) for one in found)
+        cells += [measured(patient, "%"), measured(friction, "%")]
+        valid = (float(100.0 * np.nanmean(one.valid[:, axis])) for one in found)
+        cells.append(measured(valid, "%"))
     return cells
+
+
+def _beyond(error: Values, std: Values) -> float:
+    """Samples that are off by more than their sigma allows, %."""
+    return float(100.0 * np.mean(np.abs(error) > SIGMAS * std))

@@ -73,7 +73,7 @@ from observer.filter.status import (
     Status,
     Validity,
 )
-from observer.filter.surprise import follow_surprise
+from observer.filter.surprise import compliance_shown, follow_surprise
 from observer.filter.transmission import hide
 from observer.filter.validity import determine, mark_split_unknown
 from observer.jit import fixed_tuple, inline, kernel
@@ -328,7 +328,7 @@ def advance_by(
     if memory.started == 0.0:
         return status | PREDICT_ONLY_BIT, BAD, BAD
     if memory.event == STEPPED:
-        _hide(model, options, memory, dt_s)
+        _hide(model, options, constants.variant_count > 0, memory, dt_s)
         if constants.variant_count > 0:
             follow_surprise(memory, dt_s)
     _report(model, options, memory, out)
@@ -340,12 +340,16 @@ def advance_by(
 
 
 @inline
-def _hide(model: LegModel, options: Options, m: LegMemory, dt_s: float) -> None:
-    """Find what transmissions hide that are not rigid."""
-    compliance = options.compliance_hip, options.compliance_slide
+def _hide(model: LegModel, options: Options, unsure: bool, m: LegMemory, dt_s: float) -> None:
+    """Find what transmissions hide that are not rigid, by the file or by innovations."""
+    stated = options.compliance_hip, options.compliance_slide
     backlash = options.backlash_hip, options.backlash_slide
-    if compliance[0] + compliance[1] + backlash[0] + backlash[1] > 0.0:
-        hide(model, compliance, backlash, m, dt_s)
+    if unsure:
+        hip = max(stated[0], compliance_shown(m, 0))
+        slide = max(stated[1], compliance_shown(m, 1))
+        hide(model, (hip, slide), backlash, m, dt_s)
+    elif stated[0] + stated[1] + backlash[0] + backlash[1] > 0.0:
+        hide(model, stated, backlash, m, dt_s)
 
 
 @inline

@@ -9,6 +9,12 @@ from twice that on. What `transmission.py` has added to net already is taken off
 that is as its file says that mean stays below: there sigma is as it was. Samples that are missing
 or rejected do not count; the noise of a push covers those.
 
+Such a drive has the friction of its joint wrong for longer: until it is wound up the other way
+after a reversal, which the innovations of that moment do not show. But over MISFIT_S their mean
+square is too large for white ones. From MISFIT_MAX on, and in full from MISFIT_FULL on, sigma is
+that of a transmission with LIKELY_COMPLIANCE (`transmission.py`), if the file states a stiffer one.
+A drive that is much softer gives way so slowly that it looks like a patient.
+
 A patient who begins to push surprises the filter as well, and for as long sigma is larger, too.
 Gate, innovations, validity and stops do not read this; the friction monitor and clients do, as
 all of sigma. Without parameters that are not sure it is 0.
@@ -23,17 +29,31 @@ from observer.jit import inline
 WINDOW_S: Final = 0.1
 EXPECTED_MAX: Final = 2.0
 """The mean square of white innovations is 1, and over WINDOW_S hardly ever twice that."""
+MISFIT_S: Final = 5.0
+MISFIT_MAX: Final = 1.2
+"""The mean of 1000 white ones, which is what MISFIT_S weighs, is below this by 5 sigma."""
+MISFIT_FULL: Final = 1.4
+LIKELY_COMPLIANCE: Final = (2e-3, 5e-5)
+"""rad/(N m) and m/N: 500 N m/rad and 20 kN/m are about the softest that innovations show."""
 
 
 @inline
 def follow_surprise(m: LegMemory, dt_s: float) -> None:
     """Advance the means of both axes, and the variance that they add, by a finished step."""
-    share = 1.0 - math.exp(-dt_s / WINDOW_S)
+    share, of_misfit = 1.0 - math.exp(-dt_s / WINDOW_S), 1.0 - math.exp(-dt_s / MISFIT_S)
     for axis in range(2):
         if m.predicted[axis] == 0.0:
             whitened, correction = m.whitened[axis], m.correction[axis]
             m.surprise[axis] += share * (whitened * whitened - m.surprise[axis])
+            m.misfit[axis] += of_misfit * (whitened * whitened - m.misfit[axis])
             m.corrected[axis] += share * (correction * correction - m.corrected[axis])
         beyond = m.surprise[axis] / EXPECTED_MAX - 1.0
         shown = min(max(beyond, 0.0), 1.0) * m.corrected[axis]
         m.unexplained[axis] = max(shown - m.hidden_net[axis], 0.0)
+
+
+@inline
+def compliance_shown(m: LegMemory, axis: int) -> float:
+    """Compliance that the misfit so far makes likely, rad/(N m) or m/N."""
+    shown = (m.misfit[axis] - MISFIT_MAX) / (MISFIT_FULL - MISFIT_MAX)
+    return min(max(shown, 0.0), 1.0) * LIKELY_COMPLIANCE[axis]

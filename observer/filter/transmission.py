@@ -112,7 +112,7 @@ def _hide_friction(
     f: FrictionParameters, m: LegMemory, axis: int, windup_rate: float, dt_s: float, share: float
 ) -> None:
     """Follow the joint's friction beside the filter's, and the mean square of their difference."""
-    if f.bristle_stiffness > 0.0 or windup_rate == 0.0:
+    if f.bristle_stiffness > 0.0:
         return
     velocity, friction = m.mean[2 + axis], m.mean[4 + axis]
     of_joint = velocity - windup_rate
