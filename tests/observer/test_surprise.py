@@ -84,7 +84,7 @@ def added_to(columns, estimates_of=run):
 
 
 def told_by(columns):
-    """Hidden friction and net, and unexplained, as the memory has them after each row, (3, n, 2)."""
+    """Hidden friction, hidden net and unexplained of the memory after each row, (3, n, 2)."""
     setup = setup_of(PATIENT, HIP, SLIDE_FRICTION, SHIPPED, [ALMOST_SURE])
     memory, points = begun_memory(setup, columns)
     steps_s = np.diff(columns.time_s, prepend=columns.time_s[0] - 0.01)
