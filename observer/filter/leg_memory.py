@@ -93,8 +93,10 @@ class LegMemory(Protocol):
     hidden_net: Pair
     surprise: Pair
     """Mean square of each axis' whitened innovations (surprise.py)."""
+    onward_s: Pair
+    """For how long each axis moves the same way: with the way's sign."""
     misfit: Pair
-    """The same over seconds."""
+    """The mean square over seconds of motion away from reversals."""
     corrected: Pair
     """Mean square of what samples correct of each patient's effort."""
     unexplained: Pair
@@ -217,7 +219,7 @@ def _begin(
         m.followed_effort[axis], m.followed_rate[axis] = m.efforts[0, axis], 0.0
         m.hidden_error[axis] = m.hidden_friction[axis] = m.hidden_net[axis] = 0.0
         m.surprise[axis] = m.corrected[axis] = m.unexplained[axis] = 0.0
-        m.misfit[axis] = 1.0
+        m.misfit[axis], m.onward_s[axis] = 1.0, 0.0
     for k in range(VARIANTS_MAX):
         for i in range(N + 2):
             if not (keep and 2 <= i < N):

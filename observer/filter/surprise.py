@@ -10,10 +10,11 @@ that is as its file says that mean stays below: there sigma is as it was. Sample
 or rejected do not count; the noise of a push covers those.
 
 Such a drive has the friction of its joint wrong for longer: until it is wound up the other way
-after a reversal, which the innovations of that moment do not show. But over MISFIT_S their mean
-square is too large for white ones. From MISFIT_MAX on, and in full from MISFIT_FULL on, sigma is
-that of a transmission with LIKELY_COMPLIANCE (`transmission.py`), if the file states a stiffer one.
-A drive that is much softer gives way so slowly that it looks like a patient.
+after a reversal, which the innovations of that moment do not show. But their mean square over
+MISFIT_S is too large for white ones, in motion away from reversals, where a wrong friction level
+leaves them white. From MISFIT_MAX on, and in full from MISFIT_FULL on, sigma is that of a
+transmission with LIKELY_COMPLIANCE (`transmission.py`), if the file states a stiffer one. A drive
+that is much softer gives way so slowly that it looks like a patient.
 
 A patient who begins to push surprises the filter as well, and for as long sigma is larger, too.
 Gate, innovations, validity and stops do not read this; the friction monitor and clients do, as
@@ -29,9 +30,11 @@ from observer.jit import inline
 WINDOW_S: Final = 0.1
 EXPECTED_MAX: Final = 2.0
 """The mean square of white innovations is 1, and over WINDOW_S hardly ever twice that."""
-MISFIT_S: Final = 5.0
+ONWARD_MIN_S: Final = 0.2
+"""Innovations count as misfit this long after a reversal."""
+MISFIT_S: Final = 3.0
 MISFIT_MAX: Final = 1.2
-"""The mean of 1000 white ones, which is what MISFIT_S weighs, is below this by 5 sigma."""
+"""The mean square of 600 white innovations, which is what MISFIT_S weighs, plus 3.5 sigma."""
 MISFIT_FULL: Final = 1.4
 LIKELY_COMPLIANCE: Final = (2e-3, 5e-5)
 """rad/(N m) and m/N: 500 N m/rad and 20 kN/m are about the softest that innovations show."""
@@ -45,11 +48,20 @@ def follow_surprise(m: LegMemory, dt_s: float) -> None:
         if m.predicted[axis] == 0.0:
             whitened, correction = m.whitened[axis], m.correction[axis]
             m.surprise[axis] += share * (whitened * whitened - m.surprise[axis])
-            m.misfit[axis] += of_misfit * (whitened * whitened - m.misfit[axis])
+            if math.fabs(_follow_way(m, axis, dt_s)) > ONWARD_MIN_S:
+                m.misfit[axis] += of_misfit * (whitened * whitened - m.misfit[axis])
             m.corrected[axis] += share * (correction * correction - m.corrected[axis])
         beyond = m.surprise[axis] / EXPECTED_MAX - 1.0
         shown = min(max(beyond, 0.0), 1.0) * m.corrected[axis]
         m.unexplained[axis] = max(shown - m.hidden_net[axis], 0.0)
+
+
+@inline
+def _follow_way(m: LegMemory, axis: int, dt_s: float) -> float:
+    """Advance the time for which an axis moves the same way, and return it: with the way's sign."""
+    onward_s, velocity = m.onward_s[axis], m.mean[2 + axis]
+    m.onward_s[axis] = max(onward_s, 0.0) + dt_s if velocity > 0.0 else min(onward_s, 0.0) - dt_s
+    return m.onward_s[axis]
 
 
 @inline

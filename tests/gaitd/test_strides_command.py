@@ -66,13 +66,14 @@ def test_a_baseline_takes_off_what_a_wrong_file_adds_and_sigma_holds_what_is_sta
     monkeypatch.setattr(wrong, "WALK_S", 12.0)
     names = "leg 15 % heavier", "friction 15 % over position", "torque offset 1 N·m"
     monkeypatch.setattr(wrong, "FILES", {name: wrong.FILES[name] for name in names})
-    monkeypatch.setattr(wrong, "MACHINES", {})
+    soft = "an elastic hip drive, 800 N·m/rad"
+    monkeypatch.setattr(wrong, "MACHINES", {soft: wrong.MACHINES[soft]})
     monkeypatch.setattr(wrong, "AGES_S", (300.0,))
     monkeypatch.setattr(wrong, "DRAWS", 30)
 
     rows = wrong.table(CONFIGS / "demo.toml", [1], lambda _: lambda _: None).rows
 
-    errors_nm = {(name, how): hip.value for name, _, how, hip, *_ in rows}
+    errors_nm = {(name, how): hip.value for name, _, how, hip, *_ in rows if hip != ""}
     for name in names:
         assert errors_nm[name, "with"] < errors_nm[name, "without"] / 2.0
         assert errors_nm[name, "with"] < 1.3 * errors_nm[name, "the true file"]
@@ -81,6 +82,11 @@ def test_a_baseline_takes_off_what_a_wrong_file_adds_and_sigma_holds_what_is_sta
         assert 0.4 * error.value < sigma.value < 2.5 * error.value
         assert beyond.value < 1.0
     assert falls["with"][0].value > 1.3 * falls["the true file"][0].value
+    [cells] = [row[3:] for row in rows if row[0] == soft and row[2] == "without"]
+    (_, _, hip, hip_friction, hip_valid), (_, _, slide, *_) = cells[:5], cells[5:]
+    assert max(hip.value, slide.value) < 1.0
+    assert hip_friction.value < 3.0  # 13 % where sigma does not know that the hip is soft
+    assert hip_valid.value > 95.0
     drawn = {how: cells for name, _, how, *cells in rows if name.startswith("all samples")}
     for how in ("without", "with"):
         for error, sigma, beyond, *_ in (drawn[how][:5], drawn[how][5:]):

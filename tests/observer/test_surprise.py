@@ -9,7 +9,7 @@ from observer.filter.leg_memory import new_memory
 from observer.filter.leg_observer import setup_of
 from observer.filter.status import Validity
 from observer.filter.surprise import LIKELY_COMPLIANCE, MISFIT_FULL, MISFIT_MAX, compliance_shown
-from observer.offline.batch import Columns, begun_memory, run
+from observer.offline.batch import Columns, begun_memory, prepared, run
 from observer.offline.smooth_batch import run_smoothed
 from observer.smoother import LAG
 from tests.observer.trainer import (
@@ -41,8 +41,8 @@ def jerky(time_s, ends_s=np.inf):
     return active(time_s) + np.column_stack((JERK_NM * swing * (time_s < ends_s), 0.0 * swing))
 
 
-def walked(patient):
-    path = gait(PATIENT, (np.arange(CYCLES) + 1) * 0.01, 0.25)
+def walked(patient, cadence_hz=0.25):
+    path = gait(PATIENT, (np.arange(CYCLES) + 1) * 0.01, cadence_hz)
     return simulate(PATIENT, CYCLES, reference=path, patient=patient)
 
 
@@ -70,7 +70,7 @@ def test_sigma_holds_swings_that_the_filter_cannot_follow(swings, estimates_of):
         rows = valid(columns, found)
         error, std = (found.state - truth.state)[rows, 6], found.std[rows, 6]
         assert missed_min <= np.mean(np.abs(error) > 3.0 * std) <= missed_max
-        assert rms(std) < 1.5 * rms(error)
+        assert rms(std) < 2.0 * rms(error)
 
 
 def added_to(columns, estimates_of=run):
@@ -87,7 +87,7 @@ def told_by(columns):
     """Hidden friction, hidden net and unexplained of the memory after each row, (3, n, 2)."""
     setup = setup_of(PATIENT, HIP, SLIDE_FRICTION, SHIPPED, [ALMOST_SURE])
     memory, points = begun_memory(setup, columns)
-    steps_s = np.diff(columns.time_s, prepend=columns.time_s[0] - 0.01)
+    steps_s = prepared(columns).steps_s.tolist()
     out, told = np.empty(OUT_SIZE), []
     for step_s, position, effort in zip(steps_s, columns.position, columns.effort, strict=True):
         given = tuple(position), tuple(effort), (0.0, 0.0), step_s, 0
@@ -149,15 +149,32 @@ def test_a_misfit_shows_a_share_of_the_likely_compliance(misfit, share):
 
 
 def test_swings_that_last_are_of_a_transmission_that_gives_way_until_they_have_ended():
-    columns = encoded(walked(lambda time_s: jerky(time_s, ends_s=6.0)))
+    columns = encoded(walked(lambda time_s: jerky(time_s, ends_s=8.0)))
     wide, rigid = (seen(columns, some).std[:, 4:6] for some in ([ALMOST_SURE], ()))
     given = SHIPPED._replace(compliance=(LIKELY_COMPLIANCE[0], 0.0))
     soft = seen(columns, (), tuning=given).std[:, 4:6]
 
-    shown = (columns.time_s > 4.0) & (columns.time_s < 7.0)
+    shown = (columns.time_s > 7.0) & (columns.time_s < 9.0)
     np.testing.assert_allclose(wide[shown], soft[shown], rtol=1e-6)
     assert rms(soft[shown, 0]) > 1.5 * rms(rigid[shown, 0])
-    np.testing.assert_allclose(wide[columns.time_s > 15.5], rigid[columns.time_s > 15.5], rtol=0.01)
+    over = columns.time_s > 14.5
+    np.testing.assert_allclose(wide[over], rigid[over], rtol=0.01)
+
+
+def test_a_wrong_friction_level_shows_at_reversals_and_is_no_transmission_that_gives_way():
+    columns = encoded(walked(active, cadence_hz=0.4))
+    level = SLIDE_FRICTION.coulomb * 0.2
+    friction = SLIDE_FRICTION._replace(
+        coulomb=SLIDE_FRICTION.coulomb + level, stribeck=SLIDE_FRICTION.stribeck + level
+    )
+    own, wide = (
+        run(setup_of(PATIENT, HIP, friction, SHIPPED, some), columns)
+        for some in ((), [ALMOST_SURE._replace(slide=friction)])
+    )
+
+    rows = columns.time_s > SETTLED_S
+    assert np.mean(own.nis[rows]) > 1.0 + MISFIT_FULL
+    np.testing.assert_array_equal(wide.std[rows, 4:6], own.std[rows, 4:6])
 
 
 def test_a_file_that_states_a_softer_transmission_is_believed(swings):
