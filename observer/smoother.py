@@ -60,9 +60,9 @@ OPEN_SPLIT: Final = OWN + SQUARE
 """Variance of the split that the filter keeps apart (leg_noise.py), and of the friction law."""
 HIDDEN_NET: Final = OPEN_SPLIT + 2
 """Variance of net that the transmission hides."""
-UNEXPLAINED: Final = HIDDEN_NET + 2
+SHOWN_NET: Final = HIDDEN_NET + 2
 """Variance of net that innovations show beyond it."""
-SENSITIVITY: Final = UNEXPLAINED + 2
+SENSITIVITY: Final = SHOWN_NET + 2
 """Derivative of the filtered mean by each considered parameter."""
 FORECAST_SENSITIVITY: Final = SENSITIVITY + VARIANTS_MAX * N
 CYCLE_DATA: Final = FORECAST_SENSITIVITY + VARIANTS_MAX * N
@@ -123,7 +123,7 @@ def store(
     for i in range(2):
         node[OPEN_SPLIT + i] = memory.split[i] + memory.law[i]
         node[HIDDEN_NET + i] = memory.hidden_net[i]
-        node[UNEXPLAINED + i] = memory.unexplained[i]
+        node[SHOWN_NET + i] = memory.shown_net[i]
     for k in range(VARIANTS_MAX):
         for i in range(N):
             node[SENSITIVITY + k * N + i] = memory.sensitivity[k, i]
@@ -233,18 +233,18 @@ def smoothed(
     _copy(newest, 0, mean, N)
     _copy(newest, COVARIANCE, covariance, SQUARE)
     _copy(newest, SENSITIVITY, sensitivity, of_parameters)
-    unexplained = newest[UNEXPLAINED], newest[UNEXPLAINED + 1]
+    shown = newest[SHOWN_NET], newest[SHOWN_NET + 1]
     for back in range(lag):
         after = ring[((count - 1 - back) % NODES) * NODE_SIZE :]
         before = ring[((count - 2 - back) % NODES) * NODE_SIZE :]
-        hip, slide = before[UNEXPLAINED], before[UNEXPLAINED + 1]
+        hip, slide = before[SHOWN_NET], before[SHOWN_NET + 1]
         if after[LINKED] == CUT:
-            unexplained = hip, slide
+            shown = hip, slide
             _copy(before, 0, mean, N)
             _copy(before, COVARIANCE, covariance, SQUARE)
             _copy(before, SENSITIVITY, sensitivity, of_parameters)
         else:
-            unexplained = max(unexplained[0], hip), max(unexplained[1], slide)
+            shown = max(shown[0], hip), max(shown[1], slide)
         if after[LINKED] == LINKED_BY_MODEL:
             _step_back(before, after, mean, covariance, work[2 * SQUARE :])
             for k in range(everywhere.variant_count):
@@ -255,7 +255,7 @@ def smoothed(
     _add_damping(constants.model.hip, 0, mean, covariance)
     _add_damping(constants.model.slide, 1, mean, covariance)
     node = ring[((count - 1 - lag) % NODES) * NODE_SIZE :]
-    _write(node, mean, covariance, unexplained, out)
+    _write(node, mean, covariance, shown, out)
     for i in range(2 * VARIANTS_MAX):
         out[SMOOTH_UNSURE + i] = 0.0
     if constants.variant_count > 0:
@@ -341,7 +341,7 @@ def _add_damping(f: FrictionParameters, axis: int, mean: Vector, covariance: Vec
 
 @inline
 def _write(
-    node: Vector, mean: Vector, covariance: Vector, unexplained: tuple[float, float], out: Vector
+    node: Vector, mean: Vector, covariance: Vector, shown_net: tuple[float, float], out: Vector
 ) -> None:
     """Write the result of one node, with the uncertainty of the split that the filter reports."""
     at = SMOOTH_COVARIANCE
@@ -352,7 +352,7 @@ def _write(
             if column >= 4 and (row - column) % 2 == 0:
                 out[at] += node[OPEN_SPLIT + row % 2]
             if column == row and row >= 6:
-                out[at] += node[HIDDEN_NET + row % 2] + unexplained[row % 2]
+                out[at] += max(node[HIDDEN_NET + row % 2], shown_net[row % 2])
             at += 1
         out[SMOOTH_STD + row] = math.sqrt(max(out[at - 1], 0.0))
     for axis in range(2):
@@ -362,8 +362,7 @@ def _write(
             covariance[patient * N + patient]
             + covariance[friction * N + friction]
             - 2.0 * covariance[patient * N + friction]
-            + node[HIDDEN_NET + axis]
-            + unexplained[axis]
+            + max(node[HIDDEN_NET + axis], shown_net[axis])
         )
         out[SMOOTH_NET_STD + axis] = math.sqrt(max(variance, 0.0))
     for i in range(CYCLE_DATA_COUNT):

@@ -589,13 +589,13 @@ def _report(model: LegModel, options: Options, m: LegMemory, out: Vector) -> Non
             if column >= 4 and (row - column) % 2 == 0:
                 total += m.split[row % 2] + m.law[row % 2]
             if column == row and row >= 6:
-                total += m.hidden_net[row % 2] + m.unexplained[row % 2]
+                total += max(m.hidden_net[row % 2], m.shown_net[row % 2])
             out[at] = total
             at += 1
         out[OUT_STD + row] = math.sqrt(out[at - 1])
     for axis in range(2):
         out[OUT_NET + axis] = mean[6 + axis] - mean[4 + axis]
-        total = m.hidden_net[axis] + m.unexplained[axis]
+        total = max(m.hidden_net[axis], m.shown_net[axis])
         for k in range(N):
             difference = root[6 + axis, k] - root[4 + axis, k]
             total += difference * difference

@@ -94,13 +94,13 @@ class LegMemory(Protocol):
     surprise: Pair
     """Mean square of each axis' whitened innovations (surprise.py)."""
     onward_s: Pair
-    """For how long each axis moves the same way: with the way's sign."""
+    """For how long each axis has moved the same way, s, with the way's sign; 0 at rest."""
     misfit: Pair
-    """The mean square over seconds of motion away from reversals."""
+    """Mean square of whitened innovations over seconds of motion away from reversals."""
     corrected: Pair
     """Mean square of what samples correct of each patient's effort."""
-    unexplained: Pair
-    """Variance of patient and net that innovations show, beyond what is hidden."""
+    shown_net: Pair
+    """Variance of patient and net that innovations show."""
     event: float
     """Effect of this cycle on the estimate: NOTHING, STEPPED or BEGAN; used by the smoother."""
 
@@ -190,11 +190,15 @@ def start(m: LegMemory, hip: float, slide: float) -> None:
     """Start at rest at the measured pose, with a long rest of both axes assumed."""
     _begin(m, hip, slide, START_STD, 2.0 * REST_MAX_S, False)
     m.distrust_cycles = 0.0
+    m.misfit[0] = m.misfit[1] = 1.0
 
 
 @inline
 def restart(m: LegMemory, hip: float, slide: float, keep_efforts: bool) -> None:
-    """Restart at the measured pose, maybe moving; efforts that are not kept start at zero."""
+    """Restart at the measured pose, maybe moving; efforts that are not kept start at zero.
+
+    The misfit is kept: it is the machine's.
+    """
     _begin(m, hip, slide, RESTART_STD, 0.0, keep_efforts)
     m.distrust_cycles = WARM_UP_CYCLES
 
@@ -218,8 +222,7 @@ def _begin(
         m.patient_rate[axis] = 0.0
         m.followed_effort[axis], m.followed_rate[axis] = m.efforts[0, axis], 0.0
         m.hidden_error[axis] = m.hidden_friction[axis] = m.hidden_net[axis] = 0.0
-        m.surprise[axis] = m.corrected[axis] = m.unexplained[axis] = 0.0
-        m.misfit[axis], m.onward_s[axis] = 1.0, 0.0
+        m.surprise[axis] = m.corrected[axis] = m.shown_net[axis] = m.onward_s[axis] = 0.0
     for k in range(VARIANTS_MAX):
         for i in range(N + 2):
             if not (keep and 2 <= i < N):

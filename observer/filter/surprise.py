@@ -5,7 +5,7 @@ elastic transmission that the robot file calls rigid, innovations are several ti
 their sigma, and the patient's estimate is thrown to and fro. It is then about as wrong as what each
 sample corrects of it. So sigma of patient and net holds the mean square of these corrections over
 WINDOW_S, from where the mean square of whitened innovations exceeds EXPECTED_MAX, and all of it
-from twice that on. What `transmission.py` has added to net already is taken off. With a machine
+from twice that on; or what `transmission.py` hides of net, if that is larger. With a machine
 that is as its file says that mean stays below: there sigma is as it was. Samples that are missing
 or rejected do not count; the noise of a push covers those.
 
@@ -16,7 +16,9 @@ leaves them white. From MISFIT_MAX on, and in full from MISFIT_FULL on, sigma is
 transmission with LIKELY_COMPLIANCE (`transmission.py`), if the file states a stiffer one. A drive
 that is much softer gives way so slowly that it looks like a patient.
 
-A patient who begins to push surprises the filter as well, and for as long sigma is larger, too.
+A patient who begins to push surprises the filter as well. For as long, and after a hard push for
+some seconds of motion, sigma is larger, too. So it is where the file states less noise of the
+encoder than there is.
 Gate, innovations, validity and stops do not read this; the friction monitor and clients do, as
 all of sigma. Without parameters that are not sure it is 0.
 """
@@ -31,7 +33,7 @@ WINDOW_S: Final = 0.1
 EXPECTED_MAX: Final = 2.0
 """The mean square of white innovations is 1, and over WINDOW_S hardly ever twice that."""
 ONWARD_MIN_S: Final = 0.2
-"""Innovations count as misfit this long after a reversal."""
+"""Innovations count as misfit from this long after a rest or a reversal on."""
 MISFIT_S: Final = 3.0
 MISFIT_MAX: Final = 1.2
 """The mean square of 600 white innovations, which is what MISFIT_S weighs, plus 3.5 sigma."""
@@ -52,15 +54,19 @@ def follow_surprise(m: LegMemory, dt_s: float) -> None:
                 m.misfit[axis] += of_misfit * (whitened * whitened - m.misfit[axis])
             m.corrected[axis] += share * (correction * correction - m.corrected[axis])
         beyond = m.surprise[axis] / EXPECTED_MAX - 1.0
-        shown = min(max(beyond, 0.0), 1.0) * m.corrected[axis]
-        m.unexplained[axis] = max(shown - m.hidden_net[axis], 0.0)
+        m.shown_net[axis] = min(max(beyond, 0.0), 1.0) * m.corrected[axis]
 
 
 @inline
 def _follow_way(m: LegMemory, axis: int, dt_s: float) -> float:
     """Advance the time for which an axis moves the same way, and return it: with the way's sign."""
     onward_s, velocity = m.onward_s[axis], m.mean[2 + axis]
-    m.onward_s[axis] = max(onward_s, 0.0) + dt_s if velocity > 0.0 else min(onward_s, 0.0) - dt_s
+    if m.rest_s[axis] > 0.0:
+        m.onward_s[axis] = 0.0
+    elif velocity > 0.0:
+        m.onward_s[axis] = max(onward_s, 0.0) + dt_s
+    else:
+        m.onward_s[axis] = min(onward_s, 0.0) - dt_s
     return m.onward_s[axis]
 
 

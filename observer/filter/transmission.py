@@ -21,6 +21,9 @@ The derivatives are those of the effort behind a critically damped low-pass of s
 lags about as much as the filter does. An axis with bristles has no e: its bristles give way like
 the transmission, and are fitted with it.
 
+Where the file calls a transmission rigid and innovations show that it is not, a compliance is
+assumed (`surprise.py`).
+
 As with the friction law (`friction.law_variance`) nothing but what is published reads this.
 """
 

@@ -2,8 +2,8 @@
 
 An axis is BAD when its numbers may be wrong (out of workspace, inconsistent, unreferenced,
 uncalibrated, predicted for too long), SPLIT_UNOBSERVABLE when it has rested for longer than 100 ms,
-or was hit by an unmodelled push, and has not moved for three T1 since: then 5 % of the split is
-left, which sigma holds; and OK otherwise. A reversal of less than 100 ms keeps its split.
+or was hit by an unmodelled push, and has not moved for four T1 since; and OK otherwise. A reversal
+of less than 100 ms keeps its split.
 
 The mechanism does not close at a sigma point out of the workspace, so what was corrected there may
 be wrong by far more than its covariance. An axis that comes back is BAD for a warm-up.

@@ -8,7 +8,13 @@ from observer.filter.leg_filter import OUT_SIZE, advance
 from observer.filter.leg_memory import new_memory
 from observer.filter.leg_observer import setup_of
 from observer.filter.status import Validity
-from observer.filter.surprise import LIKELY_COMPLIANCE, MISFIT_FULL, MISFIT_MAX, compliance_shown
+from observer.filter.surprise import (
+    LIKELY_COMPLIANCE,
+    MISFIT_FULL,
+    MISFIT_MAX,
+    compliance_shown,
+    follow_surprise,
+)
 from observer.offline.batch import Columns, begun_memory, prepared, run
 from observer.offline.smooth_batch import run_smoothed
 from observer.smoother import LAG
@@ -84,7 +90,7 @@ def added_to(columns, estimates_of=run):
 
 
 def told_by(columns):
-    """Hidden friction, hidden net and unexplained of the memory after each row, (3, n, 2)."""
+    """Hidden friction, hidden and shown net of the memory after each row, (3, n, 2)."""
     setup = setup_of(PATIENT, HIP, SLIDE_FRICTION, SHIPPED, [ALMOST_SURE])
     memory, points = begun_memory(setup, columns)
     steps_s = prepared(columns).steps_s.tolist()
@@ -92,14 +98,15 @@ def told_by(columns):
     for step_s, position, effort in zip(steps_s, columns.position, columns.effort, strict=True):
         given = tuple(position), tuple(effort), (0.0, 0.0), step_s, 0
         advance(setup, memory, points, *given, out)
-        names = "hidden_friction", "hidden_net", "unexplained"
+        names = "hidden_friction", "hidden_net", "shown_net"
         told.append([memory[0][name].copy() for name in names])
     return np.array(told).swapaxes(0, 1)
 
 
-def sums(friction, net, unexplained):
+def sums(friction, hidden_net, shown_net):
     """Variances that are added to those of friction, patient and net."""
-    return np.column_stack((friction, friction + net + unexplained, net + unexplained))
+    net = np.maximum(hidden_net, shown_net)
+    return np.column_stack((friction, friction + net, net))
 
 
 def test_friction_patient_and_net_are_less_sure_and_nothing_else(swings):
@@ -114,13 +121,13 @@ def test_friction_patient_and_net_are_less_sure_and_nothing_else(swings):
 
 def test_the_smoother_holds_the_largest_of_all_cycles_that_revise_its_own(swings):
     _, columns = swings
-    revised, (friction, net, unexplained) = added_to(columns, run_smoothed), told_by(columns)
+    revised, (friction, net, shown) = added_to(columns, run_smoothed), told_by(columns)
 
     rows = np.flatnonzero(columns.time_s > SETTLED_S)[:-LAG]
-    largest = np.array([unexplained[row : row + LAG + 1].max(axis=0) for row in rows])
+    largest = np.array([shown[row : row + LAG + 1].max(axis=0) for row in rows])
     expected = sums(friction[rows], net[rows], largest)
     np.testing.assert_allclose(revised[rows], expected, rtol=1e-6, atol=1e-6)
-    assert np.mean(largest > 2.0 * unexplained[rows] + 0.1) > 0.05
+    assert np.mean(largest > 2.0 * shown[rows] + 0.1) > 0.05
 
 
 def test_what_comes_after_a_gap_does_not_count_for_the_smoothed_estimate_before_it(swings):
@@ -128,13 +135,13 @@ def test_what_comes_after_a_gap_does_not_count_for_the_smoothed_estimate_before_
     gap = 1200  # where a swing begins
     time_s = columns.time_s + np.where(np.arange(len(columns.time_s)) >= gap, 10.0, 0.0)
     columns = Columns(time_s, columns.position, columns.effort)
-    revised, (friction, net, unexplained) = added_to(columns, run_smoothed), told_by(columns)
+    revised, (friction, net, shown) = added_to(columns, run_smoothed), told_by(columns)
 
     before = np.arange(gap - LAG, gap)
-    largest = np.array([unexplained[row:gap].max(axis=0) for row in before])
+    largest = np.array([shown[row:gap].max(axis=0) for row in before])
     expected = sums(friction[before], net[before], largest)
     np.testing.assert_allclose(revised[before], expected, rtol=1e-6, atol=1e-6)
-    assert unexplained[gap : gap + LAG].max() > 10.0 + largest.max()
+    assert shown[gap : gap + LAG].max() > 10.0 + largest.max()
 
 
 @pytest.mark.parametrize(
@@ -146,6 +153,27 @@ def test_a_misfit_shows_a_share_of_the_likely_compliance(misfit, share):
 
     assert compliance_shown(memory[0], 0) == 0.0
     assert compliance_shown(memory[0], 1) == pytest.approx(share * LIKELY_COMPLIANCE[1])
+
+
+def test_innovations_count_as_misfit_from_a_while_after_a_rest_or_a_reversal_on():
+    memory, _ = new_memory()
+    memory["misfit"], memory["whitened"] = 1.0, 2.0
+
+    def counted(cycles, velocity, rest_s=0.0, predicted=0.0):
+        memory["mean"][0, 3], memory["rest_s"][0, 1] = velocity, rest_s
+        memory["predicted"][0, 1] = predicted
+        before = []
+        for _ in range(cycles):
+            before.append(memory["misfit"][0, 1])
+            follow_surprise(memory[0], 0.011)
+        return np.flatnonzero(np.diff([*before, memory["misfit"][0, 1]])).tolist()
+
+    assert counted(21, 0.1) == [18, 19, 20]
+    assert counted(3, 0.1, predicted=1.0) == []
+    assert counted(3, 0.1) == [0, 1, 2]
+    assert counted(21, -0.1) == [18, 19, 20]
+    assert counted(50, -0.1, rest_s=0.01) == []
+    assert counted(21, -0.1) == [18, 19, 20]
 
 
 def test_swings_that_last_are_of_a_transmission_that_gives_way_until_they_have_ended():
@@ -206,7 +234,7 @@ def test_sigma_of_a_machine_that_is_as_its_file_says_is_as_it_was():
     assert rms(wide.std[rows, 6:8]) == pytest.approx(rms(own.std[rows, 6:8]), rel=1e-3)
 
 
-def test_after_a_restart_nothing_of_a_swing_is_left(swings):
+def test_after_a_restart_nothing_of_a_swing_is_left_but_the_misfit_of_the_machine(swings):
     _, columns = swings
     setup = setup_of(PATIENT, HIP, SLIDE_FRICTION, SHIPPED, [ALMOST_SURE])
     memory, points = begun_memory(setup, columns)
@@ -224,9 +252,12 @@ def test_after_a_restart_nothing_of_a_swing_is_left(swings):
             0,
             out,
         )
-    assert memory[0]["unexplained"][0] > 0.1
+    assert memory[0]["shown_net"][0] > 0.1
+    misfit = memory[0]["misfit"][0]
+    assert misfit > MISFIT_MAX
 
     advance(
         setup, memory, points, tuple(position[520]), tuple(effort[520]), (0.0, 0.0), 10.0, 0, out
     )
-    assert memory[0]["unexplained"][0] == memory[0]["surprise"][0] == 0.0
+    assert memory[0]["shown_net"][0] == memory[0]["surprise"][0] == 0.0
+    assert memory[0]["misfit"][0] == misfit
