@@ -27,7 +27,7 @@ RECORD := clients/record
 PACKAGES := $(CLIENT) $(DISPLAY) $(SESSION) $(ASSIST) $(RECORD) drives observer daemon sim_drives simtime gaitd gaitd_lab analysis
 
 .DEFAULT_GOAL := help
-.PHONY: help demo demo-session quick test test-rigs test-package test-power-cuts test-all check clean-steps lint types imports kernels pytest coverage mutants sbom bench install install-display install-assist install-record uninstall purge deb release rigs lock format tables docs golden clean
+.PHONY: help demo demo-session quick environment test test-rigs test-machine test-container test-package test-power-cuts test-all check clean-steps lint types imports kernels pytest coverage mutants sbom bench install install-display install-assist install-record uninstall purge deb release rigs lock format tables docs golden clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-15s %s\n", $$1, $$2}'
@@ -54,6 +54,8 @@ $(VENV)/display.stamp: requirements/display.txt $(VENV)/run.stamp $(DISPLAY)/pyp
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable $(SESSION) --editable $(DISPLAY) --editable $(ASSIST)
 	@touch $@
 
+environment: $(VENV)/dev.stamp  ## what all tests need, in .venv
+
 quick: $(VENV)/dev.stamp  ## lint, types, import contracts, unit tests of drives and core
 	@$(MAKE) --no-print-directory check > $(CHECKS) 2>&1 & \
 	$(BIN)/pytest -q -n $$(nproc) $(UNITS); tests=$$?; \
@@ -66,12 +68,18 @@ test: clean-steps $(VENV)/dev.stamp  ## all that a contributor must pass; prints
 	$(MAKE) --no-print-directory kernels pytest; tests=$$?; \
 	wait $$! || { cat $(CHECKS); exit 1; }; exit $$tests
 
-# The virtual machine and the container, side by side; what the container says is printed at the end.
+# What the container says is printed at the end.
 CONTAINER := $(VENV)/container.log
-test-rigs: $(VENV)/dev.stamp  ## SocketCAN, systemd, pages in a browser (after `make rigs`, root)
-	@$(BIN)/pytest -m "(rig_systemd or rig_browser) and not thorough" --rigs=required > $(CONTAINER) 2>&1 & \
-	$(BIN)/pytest -m "rig_vcan and not thorough" --rigs=required; machine=$$?; \
+test-rigs: $(VENV)/dev.stamp  ## both of the next, side by side (after `make rigs`, root)
+	@$(MAKE) --no-print-directory test-container > $(CONTAINER) 2>&1 & \
+	$(MAKE) --no-print-directory test-machine; machine=$$?; \
 	wait $$!; container=$$?; cat $(CONTAINER); exit $$((machine | container))
+
+test-machine: $(VENV)/dev.stamp  ## SocketCAN in a virtual machine
+	$(BIN)/pytest -m "rig_vcan and not thorough" --rigs=required
+
+test-container: $(VENV)/dev.stamp  ## systemd in a container, pages in a browser
+	$(BIN)/pytest -m "(rig_systemd or rig_browser) and not thorough" --rigs=required
 
 test-package: $(VENV)/dev.stamp  ## the Debian package and a release: built, then installed in containers (after `make rigs`, root)
 	$(BIN)/pytest -m "rig_systemd and thorough" --rigs=required
