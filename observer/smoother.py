@@ -61,7 +61,7 @@ OPEN_SPLIT: Final = OWN + SQUARE
 HIDDEN_NET: Final = OPEN_SPLIT + 2
 """Variance of net that the transmission hides."""
 SHOWN_NET: Final = HIDDEN_NET + 2
-"""Variance of net that innovations show beyond it."""
+"""Variance of net that innovations show."""
 SENSITIVITY: Final = SHOWN_NET + 2
 """Derivative of the filtered mean by each considered parameter."""
 FORECAST_SENSITIVITY: Final = SENSITIVITY + VARIANTS_MAX * N

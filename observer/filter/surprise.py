@@ -16,8 +16,8 @@ leaves them white. From MISFIT_MAX on, and in full from MISFIT_FULL on, sigma is
 transmission with LIKELY_COMPLIANCE (`transmission.py`), if the file states a stiffer one. A drive
 that is much softer gives way so slowly that it looks like a patient.
 
-A patient who begins to push surprises the filter as well. For as long, and after a hard push for
-some seconds of motion, sigma is larger, too. So it is where the file states less noise of the
+A patient who begins to push surprises the filter as well: sigma is larger for as long, and after a
+hard push for some seconds of motion. It is larger, too, where the file states less noise of an
 encoder than there is.
 Gate, innovations, validity and stops do not read this; the friction monitor and clients do, as
 all of sigma. Without parameters that are not sure it is 0.
