@@ -345,11 +345,10 @@ def _hide(model: LegModel, options: Options, unsure: bool, m: LegMemory, dt_s: f
     stated = options.compliance_hip, options.compliance_slide
     backlash = options.backlash_hip, options.backlash_slide
     if unsure:
-        hip = max(stated[0], compliance_shown(m, 0))
-        slide = max(stated[1], compliance_shown(m, 1))
-        hide(model, (hip, slide), backlash, m, dt_s)
+        shown = compliance_shown(m, 0), compliance_shown(m, 1)
+        hide(model, stated, shown, backlash, m, dt_s)
     elif stated[0] + stated[1] + backlash[0] + backlash[1] > 0.0:
-        hide(model, stated, backlash, m, dt_s)
+        hide(model, stated, (0.0, 0.0), backlash, m, dt_s)
 
 
 @inline

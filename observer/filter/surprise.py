@@ -12,9 +12,10 @@ or rejected do not count; the noise of a push covers those.
 Such a drive has the friction of its joint wrong for longer: until it is wound up the other way
 after a reversal, which the innovations of that moment do not show. But their mean square over
 MISFIT_S is too large for white ones, in motion away from reversals, where a wrong friction level
-leaves them white. From MISFIT_MAX on, and in full from MISFIT_FULL on, sigma is that of a
-transmission with LIKELY_COMPLIANCE (`transmission.py`), if the file states a stiffer one. A drive
-that is much softer gives way so slowly that it looks like a patient.
+leaves them white. From MISFIT_MAX on, and in full from MISFIT_FULL on, sigma of friction, and so of
+the patient, is that of a transmission with LIKELY_COMPLIANCE (`transmission.py`), if the file
+states a stiffer one; net has what is shown already. A drive that is much softer gives way so slowly
+that it looks like a patient.
 
 A patient who begins to push surprises the filter as well: sigma is larger for as long, and after a
 hard push for some seconds of motion. It is larger, too, where the file states less noise of an

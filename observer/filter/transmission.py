@@ -21,8 +21,8 @@ The derivatives are those of the effort behind a critically damped low-pass of s
 lags about as much as the filter does. An axis with bristles has no e: its bristles give way like
 the transmission, and are fitted with it.
 
-Where the file calls a transmission rigid and innovations show that it is not, a compliance is
-assumed (`surprise.py`).
+Where the file calls a transmission rigid and innovations show that it is not, friction has the
+error of a likely compliance (`surprise.py`).
 
 As with the friction law (`friction.law_variance`) nothing but what is published reads this.
 """
@@ -47,6 +47,7 @@ GAP_EFFORT: Final = (0.5, 5.0)
 def hide(
     model: LegModel,
     compliance: tuple[float, float],
+    likely: tuple[float, float],
     backlash: tuple[float, float],
     m: LegMemory,
     dt_s: float,
@@ -55,19 +56,21 @@ def hide(
 
     Args:
         model: the physics of the filter.
-        compliance: rad/(N m) and m/N.
+        compliance: of the file, rad/(N m) and m/N.
+        likely: what innovations show of it (`surprise.py`): for friction alone, if it is larger.
         backlash: rad and m.
         m: after the step and its correction; written.
         dt_s: the step.
     """
     v1, v2 = m.mean[2], m.mean[3]
-    back_hip, rate_hip, bend_hip = _windup(compliance[0], backlash[0], GAP_EFFORT[0], m, 0, dt_s)
-    back_slide, rate_slide, bend_slide = _windup(
-        compliance[1], backlash[1], GAP_EFFORT[1], m, 1, dt_s
-    )
+    hip, slide = _follow(m, 0, dt_s), _follow(m, 1, dt_s)
     share = 1.0 - math.exp(-dt_s / ENVELOPE_S)
+    _, rate_hip, _ = _windup(max(compliance[0], likely[0]), backlash[0], GAP_EFFORT[0], hip)
+    _, rate_slide, _ = _windup(max(compliance[1], likely[1]), backlash[1], GAP_EFFORT[1], slide)
     _hide_friction(model.hip, m, 0, rate_hip, dt_s, share)
     _hide_friction(model.slide, m, 1, rate_slide, dt_s, share)
+    back_hip, rate_hip, bend_hip = _windup(compliance[0], backlash[0], GAP_EFFORT[0], hip)
+    back_slide, rate_slide, bend_slide = _windup(compliance[1], backlash[1], GAP_EFFORT[1], slide)
     own = dynamics(model.leg, m.mean[0], m.mean[1], v1, v2, model.coriolis_share)
     a1, a2 = accelerations(
         own, m.acting[0] + m.mean[6] - m.mean[4], m.acting[1] + m.mean[7] - m.mean[5]
@@ -87,10 +90,8 @@ def hide(
 
 
 @inline
-def _windup(
-    compliance: float, backlash: float, gap_effort: float, m: LegMemory, axis: int, dt_s: float
-) -> tuple[float, float, float]:
-    """Let the low-pass follow the effort for a step; return the windup and its two derivatives."""
+def _follow(m: LegMemory, axis: int, dt_s: float) -> tuple[float, float, float]:
+    """Let the low-pass follow the effort for a step; return it and its two derivatives."""
     effort = m.acting[axis]
     away = m.followed_effort[axis] - effort
     slope = m.followed_rate[axis] + away / FOLLOWED_S
@@ -99,12 +100,21 @@ def _windup(
     rate = slope * decay - left / FOLLOWED_S
     bend = -(left / FOLLOWED_S + 2.0 * rate) / FOLLOWED_S
     m.followed_effort[axis], m.followed_rate[axis] = effort + left, rate
-    inside = math.tanh((effort + left) / gap_effort)
+    return effort + left, rate, bend
+
+
+@inline
+def _windup(
+    compliance: float, backlash: float, gap_effort: float, followed: tuple[float, float, float]
+) -> tuple[float, float, float]:
+    """The windup by an effort, and its two derivatives."""
+    effort, rate, bend = followed
+    inside = math.tanh(effort / gap_effort)
     opened = 0.5 * backlash * (1.0 - inside * inside) / gap_effort
     gives = compliance + opened
     curve = -2.0 * opened * inside / gap_effort
     return (
-        compliance * (effort + left) + 0.5 * backlash * inside,
+        compliance * effort + 0.5 * backlash * inside,
         gives * rate,
         gives * bend + curve * rate * rate,
     )

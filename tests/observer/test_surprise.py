@@ -31,6 +31,7 @@ from tests.observer.trainer import (
 )
 
 SHIPPED = TUNING._replace(velocity_gated=True, patient_noise_max_ratio=20.0)
+GIVES_WAY = SHIPPED._replace(compliance=(1.0 / 800.0, 0.0))
 ALMOST_SURE = Variant(PATIENT, HIP, SLIDE_FRICTION, Drives(effort_offset_hip_nm=1e-9))
 """Without a parameter that is not sure, sigma is the filter's alone."""
 CYCLES = 1600
@@ -81,7 +82,8 @@ def test_sigma_holds_swings_that_the_filter_cannot_follow(swings, estimates_of):
 
 def added_to(columns, estimates_of=run):
     """Variances of friction, patient and net of both axes beyond those of the filter alone."""
-    own, wide = seen(columns, (), estimates_of), seen(columns, [ALMOST_SURE], estimates_of)
+    own = seen(columns, (), estimates_of)
+    wide = seen(columns, [ALMOST_SURE], estimates_of, GIVES_WAY)
     for name in ("state", "net", "innovation", "nis", "status", "validity"):
         np.testing.assert_array_equal(getattr(wide, name), getattr(own, name))
     np.testing.assert_array_equal(wide.std[:, :4], own.std[:, :4])
@@ -91,7 +93,7 @@ def added_to(columns, estimates_of=run):
 
 def told_by(columns):
     """Hidden friction, hidden and shown net of the memory after each row, (3, n, 2)."""
-    setup = setup_of(PATIENT, HIP, SLIDE_FRICTION, SHIPPED, [ALMOST_SURE])
+    setup = setup_of(PATIENT, HIP, SLIDE_FRICTION, GIVES_WAY, [ALMOST_SURE])
     memory, points = begun_memory(setup, columns)
     steps_s = prepared(columns).steps_s.tolist()
     out, told = np.empty(OUT_SIZE), []
@@ -215,8 +217,7 @@ def test_a_file_that_states_a_softer_transmission_is_believed(swings):
 
 def test_what_the_transmission_hides_already_is_not_added_again(swings):
     _, columns = swings
-    hides = SHIPPED._replace(compliance=(1.0 / 800.0, 0.0))
-    own, wide = (seen(columns, some, tuning=hides) for some in ((), [ALMOST_SURE]))
+    own, wide = (seen(columns, some, tuning=GIVES_WAY) for some in ((), [ALMOST_SURE]))
     _, rigid = (seen(columns, some) for some in ((), [ALMOST_SURE]))
 
     rows = valid(columns, own)
