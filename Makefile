@@ -70,7 +70,7 @@ test: clean-steps $(VENV)/dev.stamp  ## all that a contributor must pass; prints
 
 # What the container says is printed at the end.
 CONTAINER := $(VENV)/container.log
-test-rigs: $(VENV)/dev.stamp  ## both of the next, side by side (after `make rigs`, root)
+test-rigs: $(VENV)/dev.stamp  ## test-machine and test-container, side by side (after `make rigs`, root)
 	@$(MAKE) --no-print-directory test-container > $(CONTAINER) 2>&1 & \
 	$(MAKE) --no-print-directory test-machine; machine=$$?; \
 	wait $$!; container=$$?; cat $(CONTAINER); exit $$((machine | container))

@@ -412,6 +412,7 @@ def _minute(file: File, passive: Trial) -> Baseline:
 
 
 def _errors(trial: Trial, file: File, setup: Setup) -> _Errors:
+    """Estimate a walk with a file, and compare it with the truth."""
     columns = _columns(trial, file)
     found = run(setup, columns)
     judged = (columns.time_s - columns.time_s[0] > SETTLED_S) & trial.judged

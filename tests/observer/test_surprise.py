@@ -68,8 +68,8 @@ def swings():
     return truth, encoded(truth)
 
 
-@pytest.mark.parametrize("estimates_of", [run, run_smoothed])
-def test_sigma_holds_swings_that_the_filter_cannot_follow(swings, estimates_of):
+@pytest.mark.parametrize(("estimates_of", "largest_ratio"), [(run, 1.1), (run_smoothed, 1.5)])
+def test_sigma_holds_swings_that_the_filter_cannot_follow(swings, estimates_of, largest_ratio):
     truth, columns = swings
 
     for variants, missed_min, missed_max in (((), 0.1, 1.0), ([ALMOST_SURE], 0.0, 0.025)):
@@ -77,7 +77,7 @@ def test_sigma_holds_swings_that_the_filter_cannot_follow(swings, estimates_of):
         rows = valid(columns, found)
         error, std = (found.state - truth.state)[rows, 6], found.std[rows, 6]
         assert missed_min <= np.mean(np.abs(error) > 3.0 * std) <= missed_max
-        assert rms(std) < 2.0 * rms(error)
+        assert rms(std) < largest_ratio * rms(error)
 
 
 def added_to(columns, estimates_of=run):
