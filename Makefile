@@ -1,5 +1,6 @@
 # All commands of the project; `make help` lists them.
-PYTHON ?= python3
+# The Python that `make install` takes on a trainer, where it can make an environment; else that of the PATH.
+PYTHON ?= $(shell /usr/bin/python3 -c 'import ensurepip, sys; sys.exit(sys.version_info < (3, 11))' 2> /dev/null && echo /usr/bin/python3 || echo python3)
 VENV := .venv
 BIN := $(VENV)/bin
 # Tests of `make quick`: the rules of drives and core, without bus, process and session.
