@@ -7,7 +7,7 @@ follows the standard: sample the actual values (TPDO), then apply what came sinc
 """
 
 import random
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Final
@@ -17,7 +17,12 @@ from sim_drives.canopen.aborts import AbortCode, SdoAbortError
 from sim_drives.canopen.context import NodeContext
 from sim_drives.canopen.dictionary import Entry, ObjectDictionary
 from sim_drives.canopen.emergency import Errors
-from sim_drives.canopen.heartbeat import HEARTBEAT_ID, HeartbeatConsumer, HeartbeatProducer
+from sim_drives.canopen.heartbeat import (
+    HEARTBEAT_ID,
+    HEARTBEAT_IDS,
+    HeartbeatConsumer,
+    HeartbeatProducer,
+)
 from sim_drives.canopen.line import GatedLine, Line
 from sim_drives.canopen.nmt import (
     NEXT_STATE,
@@ -122,9 +127,10 @@ class Node:
         self.axis = axis
         self.disturbance = Disturbance()
         self._tpdo_ids: set[int] = set()
-        self._own_ids: frozenset[int | None] = frozenset()
-        self._own_revision = -1
-        """Revision of the dictionary of which `_own_ids` are."""
+        self._routes: dict[int | None, Callable[[Frame], None]] = {}
+        """What receives a frame, by CAN identifier."""
+        self._routes_revision = -1
+        """Revision of the dictionary of which `_routes` are."""
         self.state = NmtState.INITIALISING
         self.timers = Timers()
         self._settings = settings
@@ -257,45 +263,61 @@ class Node:
         """Process any frame of the bus."""
         if not self._supply_on or not self.disturbance.receives:
             return
+        if self._routes_revision != self.dictionary.revision:
+            self._routes = self._present_routes()
+            self._routes_revision = self.dictionary.revision
+        route = self._routes.get(frame.can_id)
+        if route is not None:
+            route(frame)
+
+    def _present_routes(self) -> dict[int | None, Callable[[Frame], None]]:
+        """Return what receives each identifier; of two services with the same one, the later."""
         node_id = self._settings.node_id
-        can_id, data = frame.can_id, frame.data
-        if can_id == NMT_ID:
-            self._network_command(data)
-        elif can_id == self._sync.can_id:
-            self._synchronise(data)
-        elif can_id == SDO_REQUEST_ID + node_id:
-            self._request(data)
-        elif self._is_ours(can_id):
-            self.connection.collision(of_pdo=False)
-        elif HEARTBEAT_ID < can_id < HEARTBEAT_ID + 0x80 and len(data) == 1:
-            self._consumer.received(can_id - HEARTBEAT_ID, data[0])
-        elif self._allows(Service.PDO):
-            if self._tpdos.sends(can_id):
-                self.connection.collision(of_pdo=True)
-            self._rpdos.receive(frame)
+        own_ids = SDO_ANSWER_ID + node_id, HEARTBEAT_ID + node_id, self.errors.can_id
+        return {
+            **{
+                can_id: partial(self._receive_pdo, slots)
+                for can_id, slots in self._rpdos.slots().items()
+            },
+            **dict.fromkeys(self._tpdos.can_ids, self._receive_own_pdo),
+            **dict.fromkeys(HEARTBEAT_IDS, self._receive_heartbeat),
+            **dict.fromkeys(own_ids, self._receive_own),
+            SDO_REQUEST_ID + node_id: self._request,
+            self._sync.can_id: self._synchronise,
+            NMT_ID: self._network_command,
+        }
 
-    def _is_ours(self, can_id: int) -> bool:
-        """Return whether the identifier is one that only this node sends, TPDOs excluded."""
-        if self._own_revision != self.dictionary.revision:
-            node_id = self._settings.node_id
-            own_ids = (SDO_ANSWER_ID + node_id, HEARTBEAT_ID + node_id, self.errors.can_id)
-            self._own_ids = frozenset(own_ids)
-            self._own_revision = self.dictionary.revision
-        return can_id in self._own_ids
+    def _receive_pdo(self, slots: Sequence[int], frame: Frame) -> None:
+        if self._allows(Service.PDO):
+            self._rpdos.receive(slots, frame.data)
 
-    def _network_command(self, data: bytes) -> None:
-        command = command_for(self._settings.node_id, data)
+    def _receive_own_pdo(self, frame: Frame) -> None:
+        """Receive a frame with the identifier of a TPDO, which an RPDO may have, too."""
+        if self._allows(Service.PDO):
+            self.connection.collision(of_pdo=True)
+            self._rpdos.receive(self._rpdos.slots().get(frame.can_id, ()), frame.data)
+
+    def _receive_own(self, _: Frame) -> None:
+        """Receive a frame with another identifier that only this node sends."""
+        self.connection.collision(of_pdo=False)
+
+    def _receive_heartbeat(self, frame: Frame) -> None:
+        if len(frame.data) == 1:
+            self._consumer.received(frame.can_id - HEARTBEAT_ID, frame.data[0])
+
+    def _network_command(self, frame: Frame) -> None:
+        command = command_for(self._settings.node_id, frame.data)
         if command is not None and self.state is not NmtState.INITIALISING:
             self._command(command)
 
-    def _request(self, data: bytes) -> None:
+    def _request(self, frame: Frame) -> None:
         if not self._allows(Service.SDO):
             return
-        self._server.receive(data)
+        self._server.receive(frame.data)
         self.changed()
 
-    def _synchronise(self, data: bytes) -> None:
-        if not self._allows(Service.SYNC) or not self._sync.receive(data):
+    def _synchronise(self, frame: Frame) -> None:
+        if not self._allows(Service.SYNC) or not self._sync.receive(frame.data):
             return
         self.drive.latch()
         if self._allows(Service.PDO):

@@ -20,6 +20,7 @@ from sim_drives.canopen.objects import Object
 from sim_drives.canopen.timers import MILLISECOND
 
 HEARTBEAT_ID: Final = 0x700
+HEARTBEAT_IDS: Final = range(0x701, 0x780)
 
 
 class HeartbeatProducer:

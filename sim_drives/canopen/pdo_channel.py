@@ -53,6 +53,11 @@ class Channel:
         return self._objects.number + 1
 
     @property
+    def can_id(self) -> int | None:
+        """CAN identifier; None if the PDO does not exist, or has no mapped object."""
+        return self._objects.can_id if self._objects.used else None
+
+    @property
     def settings(self) -> Settings:
         """Return the present configuration."""
         if self._settings is None:
@@ -73,16 +78,15 @@ class Channel:
     def _read(self) -> Settings:
         objects = self._objects
         kind = objects.dictionary.value(objects.parameters, SUB_TYPE)
-        layout = objects.layout()
         return Settings(
-            valid=objects.valid and bool(layout.addresses),
+            valid=objects.used,
             can_id=objects.can_id,
             type=kind,
             synchronous=kind <= LAST_SYNCHRONOUS_TYPE,
             inhibit_ns=self._optional(SUB_INHIBIT) * _INHIBIT_STEP_NS,
             event_timer_ns=self._optional(SUB_EVENT_TIMER) * MILLISECOND,
             sync_start=self._optional(SUB_SYNC_START),
-            layout=layout,
+            layout=objects.layout(),
         )
 
     def _optional(self, subindex: int) -> int:

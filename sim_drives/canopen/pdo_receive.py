@@ -12,10 +12,9 @@ Rules:
 5. An object's value that its range or guard refuses is not stored; the others of the PDO are.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final
 
-from drives.canopen.frame import Frame
 from sim_drives.canopen.context import NodeContext
 from sim_drives.canopen.objects import Object
 from sim_drives.canopen.pdo_channel import Settings, Values, channels
@@ -69,8 +68,6 @@ class ReceivePdos:
         self._too_long = _Complaint(lambda wrong: report(LONG_PDO, wrong))
         self._missing = _Complaint(on_timeout)
         self._waiting: list[Values] = [[] for _ in range(PDO_COUNT)]
-        self._slots: dict[int, list[int]] | None = None
-        """Slots by CAN identifier, until an object of a PDO is written."""
 
     def reset(self) -> None:
         """Drop all state after parameters have been restored."""
@@ -84,7 +81,6 @@ class ReceivePdos:
             self._reset_slot(slot)
 
     def _reset_slot(self, slot: int) -> None:
-        self._slots = None
         self._waiting[slot] = []
         self._timers.cancel((Direction.RECEIVE, slot))
         for complaint in (self._too_short, self._too_long, self._missing):
@@ -94,19 +90,18 @@ class ReceivePdos:
         """Drop the data that waits for a SYNC."""
         self._waiting = [[] for _ in range(PDO_COUNT)]
 
-    def receive(self, frame: Frame) -> None:
-        """Process a frame that may be one of these PDOs."""
-        if self._slots is None:
-            self._slots = self._slots_by_can_id()
-        for slot in self._slots.get(frame.can_id, ()):
-            self._receive(slot, self._channels[slot].settings, frame.data)
-
-    def _slots_by_can_id(self) -> dict[int, list[int]]:
+    def slots(self) -> dict[int, list[int]]:
+        """Return the numbers of the PDOs, from 0, by their CAN identifier."""
         found: dict[int, list[int]] = {}
         for slot, channel in enumerate(self._channels):
-            if channel.settings.valid:
-                found.setdefault(channel.settings.can_id, []).append(slot)
+            if (can_id := channel.can_id) is not None:
+                found.setdefault(can_id, []).append(slot)
         return found
+
+    def receive(self, slots: Sequence[int], data: bytes) -> None:
+        """Process the data of a frame that is each of these PDOs."""
+        for slot in slots:
+            self._receive(slot, self._channels[slot].settings, data)
 
     def _receive(self, slot: int, settings: Settings, data: bytes) -> None:
         if settings.synchronous and not self._sync.within_window():

@@ -92,6 +92,11 @@ class PdoObjects:
         """True if the PDO exists."""
         return not self.cob_id & INVALID
 
+    @property
+    def used(self) -> bool:
+        """True if the PDO exists and has a mapped object."""
+        return self.valid and self.dictionary.value(self.mapping, 0) > 0
+
     def layout(self) -> Layout:
         """Return the mapped objects in order; rule 3 was checked when their number was written."""
         addresses = tuple(

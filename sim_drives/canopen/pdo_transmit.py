@@ -24,7 +24,6 @@ from sim_drives.canopen.sync import SyncConsumer
 class _Kinds(NamedTuple):
     """The PDOs that exist, by what they do, until one of their objects is written."""
 
-    can_ids: frozenset[int]
     synchronous: list[int]
     event_driven: list[tuple[int, Channel]]
 
@@ -83,16 +82,16 @@ class TransmitPdos:
         if self._operational:
             self._start_event_timer(slot)
 
-    def sends(self, can_id: int) -> bool:
-        """Return whether a TPDO has this identifier."""
-        return can_id in self._present.can_ids
+    @property
+    def can_ids(self) -> set[int]:
+        """CAN identifiers of the TPDOs."""
+        return {can_id for one in self._channels if (can_id := one.can_id) is not None}
 
     @property
     def _present(self) -> "_Kinds":
         if self._kinds is None:
             used = [(slot, c) for slot, c in enumerate(self._channels) if c.settings.valid]
             self._kinds = _Kinds(
-                frozenset(channel.settings.can_id for _, channel in used),
                 [slot for slot, channel in used if channel.settings.synchronous],
                 [(slot, channel) for slot, channel in used if not channel.settings.synchronous],
             )

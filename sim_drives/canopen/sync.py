@@ -33,31 +33,25 @@ class SyncConsumer:
         self._dictionary, self._line, self._timers = context
         self._report = report
         self._last_ns: int | None = None
-        self._can_id: int | None = None
-        """As read from 1005h since it was last written."""
         self.counter = 0
         """Counter of the last SYNC; 0 without counter."""
         self._dictionary.guard(Object.SYNC_COB_ID, self._check_cob_id)
-        self._dictionary.watch(Object.SYNC_COB_ID, self._forget_can_id)
         self._dictionary.guard(Object.SYNC_COUNTER, self._check_overflow)
         self._dictionary.watch(Object.SYNC_PERIOD, lambda _: self._timers.cancel(SyncConsumer))
 
     def reset(self) -> None:
         """Start without a received SYNC; parameters may have been restored."""
         self._last_ns = None
-        self._can_id = None
         self._timers.cancel(SyncConsumer)
 
     @property
     def can_id(self) -> int:
         """CAN identifier of SYNC (rule 1)."""
-        if self._can_id is None:
-            self._can_id = can_id_of(self._dictionary.value(Object.SYNC_COB_ID))
-        return self._can_id
+        return can_id_of(self._dictionary.value(Object.SYNC_COB_ID))
 
     def receive(self, data: bytes) -> bool:
         """Process a frame with SYNC's identifier; return whether it is a valid SYNC (rule 2)."""
-        fits = len(data) == (1 if self._object(Object.SYNC_COUNTER) else 0)
+        fits = len(data) == (1 if self._dictionary.value_or(Object.SYNC_COUNTER, 0, 0) else 0)
         self._report(SYNC_LENGTH_CODE, not fits)
         if fits:
             self._last_ns = self._line.now_ns
@@ -68,29 +62,23 @@ class SyncConsumer:
 
     def within_window(self, delay_ns: int = 0) -> bool:
         """Return whether now plus a delay is within the window of the last SYNC (rule 4)."""
-        window_ns = self._object(Object.SYNC_WINDOW) * _MICROSECOND
+        window_ns = self._dictionary.value_or(Object.SYNC_WINDOW, 0, 0) * _MICROSECOND
         if not window_ns or self._last_ns is None:
             return True
         return self._line.now_ns + delay_ns - self._last_ns <= window_ns
 
     def _watch_for_next(self) -> None:
-        period_ns = self._object(Object.SYNC_PERIOD) * _MICROSECOND
+        period_ns = self._dictionary.value_or(Object.SYNC_PERIOD, 0, 0) * _MICROSECOND
         if period_ns:
             at_ns = self._line.now_ns + period_ns * 3 // 2
             self._timers.start(SyncConsumer, at_ns, lambda: self._report(SYNC_LOST_CODE, True))
-
-    def _forget_can_id(self, _: int) -> None:
-        self._can_id = None
-
-    def _object(self, index: int) -> int:
-        return self._dictionary.value_or(index, 0, 0)
 
     def _check_cob_id(self, _: int, value: int) -> None:
         if value & (EXTENDED_BITS | FLAG_30) or is_restricted(can_id_of(value)):
             raise SdoAbortError(AbortCode.RANGE)
 
     def _check_overflow(self, _: int, value: int) -> None:
-        if self._object(Object.SYNC_PERIOD):
+        if self._dictionary.value_or(Object.SYNC_PERIOD, 0, 0):
             raise SdoAbortError(AbortCode.DEVICE_STATE)
         if value == 1 or value > COUNTER_MAX:
             raise SdoAbortError(AbortCode.RANGE)
