@@ -1,6 +1,7 @@
 """One PDO as configured by its dictionary objects (CiA 301 7.5.2.35 to 38)."""
 
 from collections.abc import Callable
+from itertools import starmap
 from typing import Final, NamedTuple
 
 from sim_drives.canopen.dictionary import Address, ObjectDictionary
@@ -71,9 +72,8 @@ class Channel:
 
     def pack(self) -> bytes:
         """Pack the mapped values in their order."""
-        value = self._objects.dictionary.value
         packing, addresses = self.settings.layout
-        return packing.pack(*(value(*address) for address in addresses))
+        return packing.pack(*starmap(self._objects.dictionary.value, addresses))
 
     def _read(self) -> Settings:
         objects = self._objects

@@ -340,7 +340,7 @@ class Drive:
         self._show(flags)
 
     def _show(self, flags: int) -> None:
-        self.measurement.update_inputs()
+        self._dictionary.put(Object.INPUTS, 0, self.measurement.inputs(flags))
         self._show_demand()
         self._statusword.set(self._status_bits(flags))
 
@@ -364,7 +364,7 @@ class Drive:
     # --- statusword ---------------------------------------------------------------------------
 
     def _status_bits(self, flags: int) -> int:
-        word = self.state.value | StatusBit.REMOTE
+        word = self.state | StatusBit.REMOTE
         word |= StatusBit.VOLTAGE_ENABLED * self._voltage_enabled()
         word |= StatusBit.WARNING * self._errors.warning
         word |= StatusBit.REFERENCED * self.measurement.referenced

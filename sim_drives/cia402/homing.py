@@ -304,7 +304,7 @@ class Homing:
                 return reading.counts if left <= 0 else None
             case _:
                 mask, level = search.until.value
-                inputs = self._measurement.inputs()
+                inputs = self._inputs()
                 return reading.counts if bool(inputs & mask) is level else None
 
     def _index(self, direction: int, counts: int) -> int | None:
@@ -327,9 +327,12 @@ class Homing:
         ahead = self._switch_ahead(search.direction)
         return search.until is Until.HOME_ON and ahead and not self._turned
 
+    def _inputs(self) -> int:
+        return self._measurement.inputs(self._measurement.flags())
+
     def _switch_ahead(self, direction: int) -> bool:
         ahead = POSITIVE_SWITCH if direction > 0 else NEGATIVE_SWITCH
-        return bool(self._measurement.inputs() & ahead)
+        return bool(self._inputs() & ahead)
 
     def _has_failed(self, search: Search, reading: Reading) -> bool:
         """Return whether the search has failed (rule 6)."""

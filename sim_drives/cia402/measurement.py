@@ -135,19 +135,15 @@ class Measurement:
         """The plant's present flags of the axis."""
         return self._axis.flags()
 
-    def update_inputs(self) -> None:
-        """Update 60FDh."""
-        self._dictionary.put(Object.INPUTS, 0, self.inputs())
-
-    def inputs(self) -> int:
-        """The digital inputs by rule 4."""
+    def inputs(self, flags: int) -> int:
+        """The digital inputs by rule 4, with the plant's present flags of the axis."""
         inputs = HAND_SWITCH_CLOSED * self.hand_switch_closed
-        inputs |= STO_RELEASED * self.sto_released | self._interlock()
+        if self.sto_released:
+            inputs |= STO_RELEASED
+        elif self._personality.interlock_input:
+            inputs |= INTERLOCK
         inputs |= HOME_SWITCH * self._at_home_switch()
-        return inputs | self.switches(self._axis.flags())
-
-    def _interlock(self) -> int:
-        return INTERLOCK * (self._personality.interlock_input and not self.sto_released)
+        return inputs | self.switches(flags)
 
     def _at_home_switch(self) -> bool:
         if self.home_switch_stuck is not None:

@@ -76,6 +76,8 @@ class Motion:
         self._clips = settings.position_limit is PositionLimit.CLIP
         self._written: set[int] = set()
         self._bit_4_prev = False
+        self.halted = False
+        """Controlword bit 8 requests a halt."""
         self.homing = Homing(settings, context, scaling, measurement)
         self.mode = Mode.NONE
         self._requested = Mode.NONE
@@ -91,6 +93,7 @@ class Motion:
         """Reset to the delivered mode and no target."""
         self._written.clear()
         self._bit_4_prev = False
+        self.halted = bool(self._dictionary.value(Object.CONTROLWORD) & HALT_BIT)
         self._switch(Mode(self._dictionary.value(Object.MODE)))
 
     def clear_targets(self) -> None:
@@ -136,7 +139,8 @@ class Motion:
     # --- homing and halt ----------------------------------------------------------------------
 
     def controlword_written(self, controlword: int, *, enabled: bool) -> None:
-        """Start homing by rule 4."""
+        """Halt or move on by rule 3, start homing by rule 4."""
+        self.halted = bool(controlword & HALT_BIT)
         bit_4 = bool(controlword & OPERATION_BIT_4)
         rising = bit_4 and not self._bit_4_prev
         self._bit_4_prev = bit_4
@@ -144,11 +148,6 @@ class Motion:
             self.homing.interrupt()
         elif rising and enabled and self.mode is Mode.HOMING:
             self.homing.start()
-
-    @property
-    def halted(self) -> bool:
-        """True if controlword bit 8 requests a halt."""
-        return bool(self._dictionary.value(Object.CONTROLWORD) & HALT_BIT)
 
     @property
     def follows(self) -> bool:
@@ -264,8 +263,10 @@ class Motion:
         return self._scaling.position_si(counts + self._measurement.origin_counts)
 
     def _position_limits_si(self) -> tuple[float, float]:
+        if not self._clips:
+            return -math.inf, math.inf
         limits = self._limits()
-        if not self._clips or limits == NO_POSITION_LIMITS:
+        if limits == NO_POSITION_LIMITS:
             return -math.inf, math.inf
         lower_si, upper_si = sorted(map(self._joint, limits))
         return lower_si, upper_si

@@ -21,12 +21,12 @@ Rules:
 """
 
 from collections.abc import Mapping
-from enum import Enum, IntEnum
+from enum import Enum, IntEnum, StrEnum
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
 
-class PowerState(Enum):
+class PowerState(IntEnum):
     """CiA 402 states; the value is the statusword's bits 0 to 3, 5 and 6."""
 
     NOT_READY_TO_SWITCH_ON = 0x00
@@ -39,7 +39,7 @@ class PowerState(Enum):
     FAULT = 0x08
 
 
-class Command(Enum):
+class Command(StrEnum):
     """Command of a controlword."""
 
     DISABLE_VOLTAGE = "disable voltage"

@@ -46,7 +46,8 @@ class Supervision:
             return
         if flags & AxisFlag.FOLLOWING_ERROR:
             yield FOLLOWING_ERROR_CODE
-        if self._limits_fault and self._measurement.referenced:
-            yield from (SOFT_LIMIT_CODE,) * self._motion.outside_position_limits()
+        guarded = self._limits_fault and self._measurement.referenced
+        if guarded and self._motion.outside_position_limits():
+            yield SOFT_LIMIT_CODE
         if self._switches_fault:
             yield from (code for switch, code in SWITCH_CODES.items() if closed & switch)
