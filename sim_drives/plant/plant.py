@@ -360,7 +360,7 @@ class Trainer:
         """Sample the drive's sensors now; every call draws new noise and jitter."""
         noise = self._noise[axis]
         sensor = self._settings.sensor
-        jitter_s = noise.uniform(0.0, sensor.latch_jitter_us * 1e-6)
+        jitter_s = sensor.latch_jitter_us * 1e-6 * noise.random()
         position, velocity = _motion(self._shafts, axis, self._since_grid_s + jitter_s)
         spread = sensor.hip.position_noise_rad if axis == HIP else sensor.slide.position_noise_m
         current = sensor.hip if axis == HIP else sensor.slide
@@ -371,9 +371,9 @@ class Trainer:
         sense = loops["encoder_sense"].item(axis)
         seen = sense * position + loops["encoder_shift"].item(axis)
         return AxisSample(
-            position_si=seen + noise.normal(0.0, spread),
+            position_si=seen + spread * noise.standard_normal(),
             velocity_si=sense * velocity,
-            current_a=current_a + noise.normal(0.0, current.current_noise_a),
+            current_a=current_a + current.current_noise_a * noise.standard_normal(),
             temperature_degc=self._settings.motor.ambient_degc + loops["warming_k"].item(axis),
         )
 

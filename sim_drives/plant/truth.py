@@ -8,15 +8,13 @@ estimates, and what no observer can know.
 """
 
 from collections.abc import Collection
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple, TextIO
 
 Pair = tuple[float, float]
 
 
-@dataclass(frozen=True, slots=True)
-class Truth:
+class Truth(NamedTuple):
     """The plant at one instant. Pairs are hip and slide: rad, rad/s, N·m; m, m/s, N."""
 
     time_ns: int
