@@ -16,19 +16,15 @@ class SimulatedClock:
 
     def __init__(self, link: Link) -> None:
         self._link = link
+        self.now_ns = link.now_ns
+        """Simulated time in ns."""
+        self.utc_ns = link.utc_ns
+        """Simulated UTC in ns since 1970."""
 
     @property
     def is_simulated(self) -> bool:
         """False while the server, or its absence, lets time pass by the computer's clock."""
         return self._link.is_in_step
-
-    def now_ns(self) -> int:
-        """Simulated time in ns."""
-        return self._link.now_ns()
-
-    def utc_ns(self) -> int:
-        """Simulated UTC in ns since 1970."""
-        return self._link.utc_ns()
 
     def sleep_until(self, deadline_ns: int) -> None:
         """Let time pass; without a server sleep by the computer's clock, as the bus is lost."""
