@@ -54,7 +54,7 @@ class WorldBus(SimulatedBus):
     @property
     def now_ns(self) -> int:
         """Monotonic time of the service."""
-        return self.seat.now_ns
+        return self.seat.now_ns()
 
     @property
     def behind_ns(self) -> int:

@@ -80,9 +80,9 @@ class _Wait:
 class Seat:
     """A program on the simulated bus, as the conductor sees it."""
 
-    def __init__(self, conductor: "Conductor", name: str, *, in_step: bool) -> None:
+    def __init__(self, world: World, name: str, *, in_step: bool) -> None:
         """Use `Conductor.join` to make one."""
-        self._conductor = conductor
+        self._world = world
         self.name = name
         self.in_step = in_step
         """True if time waits for the seat."""
@@ -105,10 +105,13 @@ class Seat:
         self.busy_until_ns = 0
         """End of the present computation, in the world's time."""
 
-    @property
     def now_ns(self) -> int:
-        """Monotonic time of the seat: the world's, less the time it was suspended."""
-        return self._conductor.world.now_ns - self.behind_ns
+        """Return the monotonic time of the seat: the world's, less the time it was suspended."""
+        return self._world.now_ns - self.behind_ns
+
+    def utc_ns(self) -> int:
+        """Return the time of the seat's wall clock."""
+        return self.utc_of_ns(self.now_ns())
 
     def utc_of_ns(self, seat_ns: int) -> int:
         """Return the seat's wall clock, as set now, at one of its monotonic times."""
@@ -125,7 +128,7 @@ class Seat:
 
     def hold(self, duration_ns: int) -> None:
         """Stop the seat from now on; its clock continues."""
-        self.held_until_ns = max(self.held_until_ns, self._conductor.now_ns + duration_ns)
+        self.held_until_ns = max(self.held_until_ns, self._world.now_ns + duration_ns)
 
     def pause(self, duration_ns: int) -> None:
         """Stop the seat and its clock from now on."""
@@ -149,16 +152,11 @@ class Conductor:
         self._agenda: list[tuple[int, int, Callable[[], None]]] = []
         self._order = count()
 
-    @property
-    def now_ns(self) -> int:
-        """The world's time."""
-        return self.world.now_ns
-
     # --- seats --------------------------------------------------------------------------------
 
     def join(self, name: str, *, in_step: bool = True) -> Seat:
         """Add a seat."""
-        seat = Seat(self, name, in_step=in_step)
+        seat = Seat(self.world, name, in_step=in_step)
         self.seats.append(seat)
         return seat
 
@@ -181,9 +179,9 @@ class Conductor:
             return len(frames)
         if seat.cost is not None and seat.owes_cost:
             seat.owes_cost = False
-            seat.busy_until_ns = self.now_ns + seat.cost()
+            seat.busy_until_ns = self.world.now_ns + seat.cost()
         for frame in frames:
-            if seat.busy_until_ns > self.now_ns:
+            if seat.busy_until_ns > self.world.now_ns:
                 self.at(seat.busy_until_ns, partial(self._place, seat, frame))
             else:
                 self._place(seat, frame)
@@ -191,25 +189,24 @@ class Conductor:
 
     def _place(self, seat: Seat, frame: Frame) -> None:
         if seat.trouble.sync_delay_ns and frame.can_id == SYNC_ID:
-            at_ns = self.now_ns + seat.trouble.sync_delay_ns
+            at_ns = self.world.now_ns + seat.trouble.sync_delay_ns
             self.at(at_ns, lambda: self._deliver(seat, frame))
         elif not seat.trouble.is_off:
             self._deliver(seat, frame)
 
     def _deliver(self, seat: Seat, frame: Frame) -> None:
         if seat.keeps_sent:
-            seat.sent.append(Frame(frame.can_id, frame.data, self.now_ns, frame.is_error))
+            seat.sent.append(Frame(frame.can_id, frame.data, self.world.now_ns, frame.is_error))
         self.world.receive(frame)
         for other in self.seats:
             if other is not seat and not other.trouble.is_off:
-                stamp_ns = other.utc_of_ns(self.now_ns - other.behind_ns)
-                other.waiting.append(frame._replace(time_ns=stamp_ns))
+                other.waiting.append(frame._replace(time_ns=other.utc_ns()))
 
     # --- time ---------------------------------------------------------------------------------
 
     def start_wait(self, seat: Seat, until_ns: int, *, for_frame: bool) -> None:
         """Let a seat wait until an instant of its clock, or until the first frame."""
-        if for_frame or until_ns >= seat.now_ns or seat.busy_until_ns > self.now_ns:
+        if for_frame or until_ns >= seat.now_ns() or seat.busy_until_ns > self.world.now_ns:
             seat.wait = _Wait(until_ns, for_frame)
 
     def missing(self) -> Seat | None:
@@ -231,14 +228,14 @@ class Conductor:
         goal_ns = _goal_ns(targets, limit_ns)
         while self._agenda and self._agenda[0][0] <= goal_ns:
             due_ns, _, action = heapq.heappop(self._agenda)
-            self._advance(max(due_ns, self.now_ns))
+            self._advance(max(due_ns, self.world.now_ns))
             action()
             goal_ns = _goal_ns(targets, limit_ns)
-        self._advance(max(goal_ns, self.now_ns))
+        self._advance(max(goal_ns, self.world.now_ns))
         return [
             seat
             for seat, target_ns in targets
-            if seat.world_until_ns(target_ns) <= self.now_ns and self._goes_on(seat)
+            if seat.world_until_ns(target_ns) <= self.world.now_ns and _goes_on(seat)
         ]
 
     def _target_ns(self, seat: Seat, wait: _Wait) -> int:
@@ -246,23 +243,11 @@ class Conductor:
         if not wait.for_frame:
             return wait.until_ns
         if seat.waiting:
-            return seat.now_ns
-        return min(max(self._next_ns() - seat.behind_ns, seat.now_ns), wait.until_ns)
-
-    def _goes_on(self, seat: Seat) -> bool:
-        """Return whether a seat's wait is over at the instant of the step."""
-        wait = seat.wait
-        if wait is None:
-            return False
-        if wait.for_frame and not seat.waiting and seat.now_ns < wait.until_ns:
-            return False
-        seat.wait = None
-        seat.owes_cost = bool(seat.waiting)
-        return True
-
-    def _next_ns(self) -> int:
+            return seat.now_ns()
         event_ns = self.world.next_event_ns()
-        return min(event_ns, self._agenda[0][0]) if self._agenda else event_ns
+        if self._agenda:
+            event_ns = min(event_ns, self._agenda[0][0])
+        return min(max(event_ns - seat.behind_ns, seat.now_ns()), wait.until_ns)
 
     def _advance(self, world_ns: int) -> None:
         for timed in self.world.advance_to(world_ns):
@@ -270,6 +255,18 @@ class Conductor:
                 if not seat.trouble.is_off:
                     stamp_ns = seat.utc_ahead_ns + timed.time_ns - seat.behind_ns
                     seat.waiting.append(Frame(timed.can_id, timed.data, stamp_ns))
+
+
+def _goes_on(seat: Seat) -> bool:
+    """Return whether a seat's wait is over at the instant of the step."""
+    wait = seat.wait
+    if wait is None:
+        return False
+    if wait.for_frame and not seat.waiting and seat.now_ns() < wait.until_ns:
+        return False
+    seat.wait = None
+    seat.owes_cost = bool(seat.waiting)
+    return True
 
 
 def _goal_ns(targets: Sequence[tuple[Seat, int]], limit_ns: int | None) -> int:
@@ -291,27 +288,17 @@ class DirectLink:
 
     def __init__(self, conductor: Conductor, seat: Seat) -> None:
         self._conductor, self._seat = conductor, seat
+        self.now_ns = seat.now_ns
+        """As `Link.now_ns`."""
+        self.utc_ns = seat.utc_ns
+        """As `Link.utc_ns`."""
+        self.open = self.check = seat.check
+        """As `Link.open` and `Link.check`."""
 
     @property
     def is_in_step(self) -> bool:
         """As `Link.is_in_step`: always."""
         return True
-
-    def now_ns(self) -> int:
-        """As `Link.now_ns`."""
-        return self._seat.now_ns
-
-    def utc_ns(self) -> int:
-        """As `Link.utc_ns`."""
-        return self._seat.utc_of_ns(self._seat.now_ns)
-
-    def open(self) -> None:
-        """As `Link.open`."""
-        self._seat.check()
-
-    def check(self) -> None:
-        """As `Link.check`."""
-        self._seat.check()
 
     def send(self, frames: Sequence[Frame]) -> int:
         """As `Link.send`."""

@@ -180,7 +180,7 @@ class TimeServer:
     @property
     def now_ns(self) -> int:
         """Simulated time."""
-        return self._conductor.now_ns
+        return self._conductor.world.now_ns
 
     def run(self, should_end: Callable[[], bool]) -> None:
         """Run until `should_end` returns true; it is called at least every LOOK_S."""

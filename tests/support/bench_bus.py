@@ -29,4 +29,4 @@ class Machine:
     def send_later(self, can_id, data):
         """Let the other station send a frame while a command listens."""
         bus, frames = self._bus.conductor, (Frame(can_id, data),)
-        bus.at(bus.now_ns + LATER_NS, lambda: bus.send(self._other, frames))
+        bus.at(bus.world.now_ns + LATER_NS, lambda: bus.send(self._other, frames))
