@@ -136,6 +136,9 @@ class Node:
         self._settings = settings
         self._line = line
         self._rng = rng
+        least_ns = round(settings.tpdo_delay_min_ms * MILLISECOND)
+        most_ns = round(settings.tpdo_delay_max_ms * MILLISECOND)
+        self._latencies_ns = range(least_ns, most_ns + 1)
         self._supply_on = False
         self._on_since_ns = 0
         personality = PERSONALITIES[settings.personality]
@@ -261,13 +264,11 @@ class Node:
 
     def receive(self, frame: Frame) -> None:
         """Process any frame of the bus."""
-        if not self._supply_on or not self.disturbance.receives:
-            return
         if self._routes_revision != self.dictionary.revision:
             self._routes = self._present_routes()
             self._routes_revision = self.dictionary.revision
         route = self._routes.get(frame.can_id)
-        if route is not None:
+        if route is not None and self._supply_on and self.disturbance.receives:
             route(frame)
 
     def _present_routes(self) -> dict[int | None, Callable[[Frame], None]]:
@@ -365,9 +366,7 @@ class Node:
             self._line.send(frame, delay_ns=delay_ns)
 
     def _tpdo_delays_ns(self, count: int) -> list[int]:
-        low_ns = round(self._settings.tpdo_delay_min_ms * MILLISECOND)
-        high_ns = round(self._settings.tpdo_delay_max_ms * MILLISECOND)
-        delays = [self._rng.randint(low_ns, high_ns) for _ in range(count)]
+        delays = [self._rng.choice(self._latencies_ns) for _ in range(count)]
         if not self._settings.tpdo_shuffled:
             delays.sort()
         return [delay + self.disturbance.late_ns for delay in delays]

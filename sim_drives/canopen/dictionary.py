@@ -204,9 +204,10 @@ class ObjectDictionary:
 
     def put(self, index: int, subindex: int, value: Value) -> None:
         """Store a value without rules, on behalf of the drive itself."""
-        if (index, subindex) not in self._values:
+        address = index, subindex
+        if address not in self._values:
             raise KeyError(f"{index:04X}h:{subindex}")
-        self._values[index, subindex] = value
+        self._values[address] = value
 
     def upload(self, index: int, subindex: int) -> bytes:
         """Return the bytes of an SDO read, or abort."""

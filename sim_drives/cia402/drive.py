@@ -64,6 +64,7 @@ FAULT_REACTION_MIN_NS: Final = 1 * MILLISECOND
 CONNECTION_CODE: Final = 0x8100
 MISPLACED_CODE: Final = 0x6300
 _VOLTAGE_OFF: Final = (PowerState.NOT_READY_TO_SWITCH_ON, PowerState.SWITCH_ON_DISABLED)
+_LIMITED: Final = AxisFlag.TARGET_CLIPPED | AxisFlag.SPEED_LIMITED
 _FAULTED: Final = (PowerState.FAULT_REACTION_ACTIVE, PowerState.FAULT)
 
 
@@ -365,7 +366,8 @@ class Drive:
 
     def _status_bits(self, flags: int) -> int:
         word = self.state | StatusBit.REMOTE
-        word |= StatusBit.VOLTAGE_ENABLED * self._voltage_enabled()
+        if self.measurement.sto_released and self.state not in _VOLTAGE_OFF:
+            word |= StatusBit.VOLTAGE_ENABLED
         word |= StatusBit.WARNING * self._errors.warning
         word |= StatusBit.REFERENCED * self.measurement.referenced
         word |= StatusBit.TARGET_REACHED * self._arrived
@@ -374,14 +376,11 @@ class Drive:
             word |= self._mode_bits(flags)
         return word
 
-    def _voltage_enabled(self) -> bool:
-        return self.measurement.sto_released and self.state not in _VOLTAGE_OFF
-
     def _mode_bits(self, flags: int) -> int:
-        limited = flags & (AxisFlag.TARGET_CLIPPED | AxisFlag.SPEED_LIMITED)
-        word = StatusBit.INTERNAL_LIMIT * (bool(limited) or self._motion.torque_clipped())
-        if self._motion.halted:
+        motion = self._motion
+        word = StatusBit.INTERNAL_LIMIT * (bool(flags & _LIMITED) or motion.torque_clipped())
+        if motion.halted:
             return word | StatusBit.TARGET_REACHED * bool(flags & AxisFlag.STANDSTILL)
-        if self._motion.mode is Mode.HOMING:
-            return word | self._motion.homing.status_bits
-        return word | StatusBit.FOLLOWS * self._motion.follows
+        if motion.mode is Mode.HOMING:
+            return word | motion.homing.status_bits
+        return word | StatusBit.FOLLOWS * motion.follows

@@ -57,8 +57,12 @@ class Measurement:
         self._sign = settings.sign
         self._home_switch = settings.home_switch
         self._personality = PERSONALITIES[settings.personality]
+        self._has_timestamp = TIMESTAMP in dictionary
+        self._has_mean_current = (Object.EPOS4_CURRENT, 2) in dictionary
         self._origin_counts = 0
         self._counts = 0
+        self.position_counts = 0
+        """6064h as last measured."""
         self._average_ma = 0.0
         self._sampled_ns: int | None = None
         self.referenced = False
@@ -71,11 +75,6 @@ class Measurement:
         self._glitch_counts = 0
         self._glitch_seen = False
         self._glitch_over = False
-
-    @property
-    def position_counts(self) -> int:
-        """6064h as last measured."""
-        return self._dictionary.value(Object.POSITION)
 
     @property
     def origin_counts(self) -> int:
@@ -174,15 +173,16 @@ class Measurement:
         self._update_current(current_ma, now_ns)
         step_degc = self._personality.temperature_step_degc
         put(*self._personality.temperature_address, _int16(sample.temperature_degc / step_degc))
-        if TIMESTAMP in self._dictionary:
+        if self._has_timestamp:
             put(*TIMESTAMP, now_ns // 1000 % 2**32)
 
     def _update_position(self) -> None:
         counts = self._counts + self._glitch_counts - self._origin_counts
-        self._dictionary.put(Object.POSITION, 0, wrap_int32(self._scaling.position_units(counts)))
+        self.position_counts = wrap_int32(self._scaling.position_units(counts))
+        self._dictionary.put(Object.POSITION, 0, self.position_counts)
 
     def _update_current(self, current_ma: int, now_ns: int) -> None:
-        if (Object.EPOS4_CURRENT, 2) in self._dictionary:
+        if self._has_mean_current:
             self._average(current_ma, now_ns)
             self._dictionary.put(Object.EPOS4_CURRENT, 1, round(self._average_ma))
             self._dictionary.put(Object.EPOS4_CURRENT, 2, current_ma)

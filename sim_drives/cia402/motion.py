@@ -80,7 +80,7 @@ class Motion:
         """Controlword bit 8 requests a halt."""
         self.homing = Homing(settings, context, scaling, measurement)
         self.mode = Mode.NONE
-        self._requested = Mode.NONE
+        self._requested: int = Mode.NONE
         dictionary = self._dictionary
         dictionary.guard(Object.MODE, self._check_mode)
         dictionary.watch(Object.MODE, lambda _: self._request_mode())
@@ -123,13 +123,13 @@ class Motion:
             raise SdoAbortError(AbortCode.RANGE)
 
     def _request_mode(self) -> None:
-        requested = Mode(self._dictionary.value(Object.MODE))
-        if requested is self.mode:
+        requested = self._dictionary.value(Object.MODE)
+        if requested == self.mode:
             self._timers.cancel(Object.MODE)
-        elif not self._timers.running(Object.MODE) or requested is not self._requested:
+        elif not self._timers.running(Object.MODE) or requested != self._requested:
             self._requested = requested
             at_ns = self._line.now_ns + MODE_SWITCH_NS
-            self._timers.start(Object.MODE, at_ns, lambda: self._switch(requested))
+            self._timers.start(Object.MODE, at_ns, lambda: self._switch(Mode(requested)))
 
     def _switch(self, mode: Mode) -> None:
         self.mode = mode
@@ -161,7 +161,8 @@ class Motion:
         if self.halted:
             return self.ramp(HALT_OPTION[self._dictionary.value_or(Object.HALT, 0, 1)].ramp)
         if self.mode is Mode.CYCLIC_SYNC_TORQUE:
-            return self._actuation(Actuation.TORQUE)
+            effort_si = self._scaling.effort_si(self.target_permille) if self.follows else 0.0
+            return self._actuation(Actuation.TORQUE, effort_si=effort_si)
         if self.is_following_positions:
             return self._position_order()
         if self.mode is Mode.CYCLIC_SYNC_VELOCITY and self.follows:
@@ -172,17 +173,20 @@ class Motion:
 
     def _position_order(self) -> AxisActuation:
         """Order of cyclic position, with the velocity and torque offsets of the master."""
-        return self._actuation(Actuation.POSITION)._replace(
-            target_velocity_si=self._speed_si(Object.VELOCITY_OFFSET),
-            target_effort_si=self._scaling.effort_si(self._dictionary.value(Object.TORQUE_OFFSET)),
+        return self._actuation(
+            Actuation.POSITION,
+            position_si=self._joint(self.target_position),
+            velocity_si=self._speed_si(Object.VELOCITY_OFFSET),
+            effort_si=self._scaling.effort_si(self._dictionary.value(Object.TORQUE_OFFSET)),
         )
 
     def _velocity_order(self) -> AxisActuation:
         """Order of cyclic velocity; the master's targets are the ramp."""
-        return self._actuation(Actuation.VELOCITY)._replace(
-            target_velocity_si=self._speed_si(Object.TARGET_VELOCITY)
+        return self._actuation(
+            Actuation.VELOCITY,
+            velocity_si=self._speed_si(Object.TARGET_VELOCITY)
             + self._speed_si(Object.VELOCITY_OFFSET),
-            target_effort_si=self._scaling.effort_si(self._dictionary.value(Object.TORQUE_OFFSET)),
+            effort_si=self._scaling.effort_si(self._dictionary.value(Object.TORQUE_OFFSET)),
         )
 
     def _speed_si(self, index: int) -> float:
@@ -193,13 +197,16 @@ class Motion:
         acceleration_si = self._scaling.speed_si(self._dictionary.value(Object.HOMING_ACCELERATION))
         travel = self.homing.travel
         if travel is None:
-            return self._actuation(Actuation.RAMP, acceleration_si)
-        order = self._actuation(Actuation.VELOCITY, acceleration_si)
-        velocity_si = self._scaling.velocity_si(travel.direction * travel.speed_raw)
-        limit_si = order.effort_limit_si
-        if travel.current_limit_ma is not None:
-            limit_si = min(limit_si, self._scaling.current_si(travel.current_limit_ma))
-        return order._replace(target_velocity_si=velocity_si, effort_limit_si=limit_si)
+            return self._actuation(Actuation.RAMP, deceleration_si=acceleration_si)
+        order = self._actuation(
+            Actuation.VELOCITY,
+            velocity_si=self._scaling.velocity_si(travel.direction * travel.speed_raw),
+            deceleration_si=acceleration_si,
+        )
+        if travel.current_limit_ma is None:
+            return order
+        limit_si = self._scaling.current_si(travel.current_limit_ma)
+        return order._replace(effort_limit_si=min(order.effort_limit_si, limit_si))
 
     def coast(self) -> AxisActuation:
         """Return the order for a power stage that is off."""
@@ -207,7 +214,7 @@ class Motion:
 
     def ramp(self, ramp: Ramp) -> AxisActuation:
         """Return the order to slow down and hold; `ramp` is not COAST."""
-        return self._actuation(Actuation.RAMP, self._deceleration_si(ramp))
+        return self._actuation(Actuation.RAMP, deceleration_si=self._deceleration_si(ramp))
 
     def _deceleration_si(self, ramp: Ramp) -> float:
         if ramp is Ramp.SLOW:
@@ -217,15 +224,21 @@ class Motion:
         return HARDEST_DECELERATION_SI
 
     def _actuation(
-        self, actuation: Actuation, deceleration_si: float = HARDEST_DECELERATION_SI
+        self,
+        actuation: Actuation,
+        *,
+        effort_si: float = 0.0,
+        position_si: float = 0.0,
+        velocity_si: float = 0.0,
+        deceleration_si: float = HARDEST_DECELERATION_SI,
     ) -> AxisActuation:
         lower_si, upper_si = self._position_limits_si()
         factors = self._scaling.factors
         return AxisActuation(
             actuation=actuation,
-            target_effort_si=self._target_effort_si(actuation),
-            target_position_si=self._target_position_si(actuation),
-            target_velocity_si=0.0,
+            target_effort_si=effort_si,
+            target_position_si=position_si,
+            target_velocity_si=velocity_si,
             deceleration_si=deceleration_si,
             interpolation_s=factors.interpolation_s,
             effort_limit_si=factors.effort_limit_si,
@@ -235,11 +248,6 @@ class Motion:
             position_min_si=lower_si,
             position_max_si=upper_si,
         )
-
-    def _target_effort_si(self, actuation: Actuation) -> float:
-        if actuation is not Actuation.TORQUE or not self.follows:
-            return 0.0
-        return self._scaling.effort_si(self.target_permille)
 
     @property
     def target_permille(self) -> int:
@@ -252,11 +260,6 @@ class Motion:
         """607Ah with its offset 60B0h."""
         value = self._dictionary.value
         return value(Object.TARGET_POSITION) + value(Object.POSITION_OFFSET)
-
-    def _target_position_si(self, actuation: Actuation) -> float:
-        if actuation is not Actuation.POSITION:
-            return 0.0
-        return self._joint(self.target_position)
 
     def _joint(self, position_units: int) -> float:
         counts = self._scaling.units_counts(position_units)

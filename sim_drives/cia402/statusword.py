@@ -20,7 +20,7 @@ class Statusword:
         """Set the present statusword."""
         self._word = word
         if not self._period_ns:
-            self._renew()
+            self._dictionary.put(Object.STATUSWORD, 0, word)
         elif word != self._dictionary.value(Object.STATUSWORD):
             elapsed_ns = self._line.now_ns % self._period_ns
             at_ns = self._line.now_ns - elapsed_ns + self._period_ns
