@@ -10,7 +10,7 @@ PACKAGES=(
     can-utils kmod iproute2                            # vcan inside it: modprobe, ip, candump, cansend
     e2fsprogs                                          # the image of its disk: mkfs.ext4, e2fsck, debugfs
     systemd systemd-container                          # systemd-nspawn and the systemd of rig_systemd
-    python3-venv                                       # the environment that `make deb` makes
+    python3-venv                                       # the environments of the tests and of `make deb`
     chromium                                           # the pages of rig_browser
 )
 

@@ -128,7 +128,8 @@ class Node:
         self.disturbance = Disturbance()
         self._tpdo_ids: set[int] = set()
         self._routes: dict[int | None, Callable[[Frame], None]] = {}
-        """What receives a frame, by CAN identifier."""
+        """What receives a frame, by CAN identifier. Identifiers are written by SDO or by a restore:
+        no EDS file lets an RPDO map one."""
         self._routes_revision = -1
         """Revision of the dictionary of which `_routes` are."""
         self.state = NmtState.INITIALISING
@@ -272,7 +273,7 @@ class Node:
             route(frame)
 
     def _present_routes(self) -> dict[int | None, Callable[[Frame], None]]:
-        """Return what receives each identifier; of two services with the same one, the later."""
+        """Return what receives each identifier; a later line takes precedence."""
         node_id = self._settings.node_id
         own_ids = SDO_ANSWER_ID + node_id, HEARTBEAT_ID + node_id, self.errors.can_id
         return {

@@ -37,7 +37,7 @@ class Settings(NamedTuple):
 
 
 class Channel:
-    """One PDO; its objects are read again only after one of them has been written."""
+    """One PDO; its settings are read again only after one of its objects has been written."""
 
     def __init__(self, objects: PdoObjects, written: Callable[[int], None]) -> None:
         """`written` receives the PDO's number, from 0, when one of its objects has been written."""

@@ -40,7 +40,7 @@ class SyncConsumer:
         self._dictionary.watch(Object.SYNC_PERIOD, lambda _: self._timers.cancel(SyncConsumer))
 
     def reset(self) -> None:
-        """Start without a received SYNC; parameters may have been restored."""
+        """Start without a received SYNC."""
         self._last_ns = None
         self._timers.cancel(SyncConsumer)
 

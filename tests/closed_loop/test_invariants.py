@@ -83,7 +83,7 @@ class Bench:
     def see(self, state: PowerState | None = None, after_s: float = 0.0) -> None:
         self.now_ns += round(after_s * NS_PER_S)
         for node in self.nodes.values():
-            node.drive.state = state or node.drive.state
+            node.drive.state = node.drive.state if state is None else state
         truth = SimpleNamespace(
             effort=tuple(self.effort),
             position=tuple(self.position),
