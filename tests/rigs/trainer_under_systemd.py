@@ -84,6 +84,7 @@ def pid(unit: str) -> int:
 
 
 def journal(unit: str) -> str:
+    run("journalctl", "--sync")  # a program that has just ended may have words on their way
     return run("journalctl", "--no-pager", "--output=cat", f"--unit={unit}")
 
 
