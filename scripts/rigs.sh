@@ -43,8 +43,7 @@ install_python_packages() {
     make --quiet .venv/run.stamp
     step="installing requirements/rigs.txt into the virtual environment"
     say "$step"
-    .venv/bin/python -m pip install --quiet --disable-pip-version-check \
-        --require-hashes --requirement requirements/rigs.txt < /dev/null
+    .venv/bin/uv pip install --quiet --python .venv/bin/python --require-hashes -r requirements/rigs.txt < /dev/null
 }
 
 check() {
