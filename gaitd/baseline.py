@@ -65,6 +65,12 @@ def _why_not(error: "NotPassiveError") -> str:
             f"the {name}'s patient is known in {value:.0f} of {BINS} parts of the stride; at least "
             f"{limit:.0f} are needed: use a higher cadence or amplitude"
         )
+    if error.why is Unfit.IMPLAUSIBLE:
+        return (
+            f"the {name} asks for an error of {value:.1f} standard deviations of a parameter of the"
+            f" robot file; at most {limit:g} are plausible: let the patient relax and record again,"
+            " or calibrate the machine"
+        )
     return (
         f"the {name}'s patient differs from stride to stride by {value:.2f} {unit}; at most "
         f"{limit:g} {unit} are a passive patient's: let the patient relax, and record again"

@@ -245,7 +245,7 @@ def _known(given: Given, robot: "Robot") -> "Known":
 
     from daemon.config.baseline import load_baseline
     from daemon.config.robot import frictional
-    from observer.baseline import FADE_S, known
+    from observer.baseline import LONG_AGO, known
     from observer.filter.considered import NOTHING_KNOWN
 
     if given.baseline is None:
@@ -254,7 +254,7 @@ def _known(given: Given, robot: "Robot") -> "Known":
         allowed = "the robot file of the baseline"
         raise ConfigError(COMMAND_LINE, "--robot", MISSING, allowed)
     sha256 = read_toml(given.robot).sha256
-    return known(load_baseline(given.baseline, sha256, frictional(robot)), FADE_S)
+    return known(load_baseline(given.baseline, sha256, frictional(robot)), LONG_AGO)
 
 
 def _robot(source: "Source", named: Path | None) -> "tuple[Robot, str]":

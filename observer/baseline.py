@@ -12,11 +12,13 @@ cadences, too, and what it has found of a parameter narrows sigma.
 
 What repeats cannot be told from the machine: a patient who pushes in this minute is taken for an
 error of a parameter. `kept` is what sigma keeps for that, and for what no parameter explains: at
-least KEPT_MIN, at most the root mean square of what the regression has left.
+least KEPT_MIN, at most the root mean square of what the regression has left. A push that only a
+parameter far from its file explains gives no baseline.
 
 Friction follows temperature and grease at a rate that is not known, so what is known of it fades:
 its uncertainty grows with time, and is that of the file again FADE_S later. Masses, springs and
-angles stay.
+angles stay until another day, or another temperature of the drives: straps, pose and motor
+constants are others then, so each parameter is less sure.
 """
 
 from collections.abc import Sequence
@@ -51,12 +53,20 @@ KEPT_MIN: Final = (0.09, 0.7)
 machine that is as its file says more than a tenth larger than the filter's own."""
 SCATTER_MAX: Final = (0.5, 4.0)
 """N m, N: an estimate that differs more from stride to stride is not that of a passive patient."""
+THETA_MAX: Final = 4.0
+"""An error of more standard deviations is not of the machine that the file describes. The largest
+of 200 machines drawn from the file's uncertainties was 3.4; constant, spring-like and friction-like
+pushes of 4 N m and 20 N gave 4.5 to 15. A constant one of 8 N m at the hip alone gave 3.7: the
+weight of a leg explains it."""
 FADE_S: Final = 400.0
 """Friction that falls by a quarter in ten minutes stays within two sigma until then."""
 OTHER_GAIT_RATIO: Final = 1.1
-"""A cadence or swing that differs by more than this factor is another gait."""
-OTHER_GAIT_KEPT_RATIO: Final = 2.0
-"""What no parameter explains has another shape in another gait."""
+"""A cadence, swing or guidance that differs by more than this factor is another gait."""
+OTHER_KEPT_RATIO: Final = 2.0
+"""What no parameter explains has another shape in another gait, and on another day."""
+OTHER_DAY_STD: Final = 0.3
+"""What is not known any more of each parameter on another day, in its standard deviations: so sigma
+is at least three tenths of that without a baseline. Chosen; no recording shows it."""
 _ROUNDS: Final = 3
 """Regressions, each with an estimate of what the last has left; a fourth changes nothing."""
 
@@ -87,6 +97,9 @@ class Unfit(IntEnum):
     """The patient of an axis is known in too few parts of the stride."""
     NOT_PASSIVE = 3
     """The patient's effort differs from stride to stride."""
+    IMPLAUSIBLE = 4
+    """Only a parameter that is far from its file explains it: a patient pushes, or the file is of
+    another machine."""
 
 
 class NotPassiveError(ValueError):
@@ -98,20 +111,38 @@ class NotPassiveError(ValueError):
         self.why, self.axis, self.value, self.limit = why, axis, value, limit
 
 
-def known(baseline: Baseline, age_s: float, *, other_gait: bool = False) -> Known:
-    """What the baseline says `age_s` after it was taken, for `LegObserver.take_baseline`."""
-    fade = min(max(age_s, 0.0) / FADE_S, 1.0) ** 2
-    covariance = baseline.covariance + np.diag(fade * np.array(baseline.frictional, dtype=float))
-    ratio = OTHER_GAIT_KEPT_RATIO if other_gait else 1.0
+class Since(NamedTuple):
+    """What is other than in the minute."""
+
+    age_s: float = 0.0
+    other_gait: bool = False
+    other_day: bool = False
+    """So long ago, or at such other temperatures, that nothing is as sure as it was."""
+
+
+LONG_AGO: Final = Since(FADE_S, other_day=True)
+"""For a baseline of an unknown time."""
+
+
+def known(baseline: Baseline, since: Since) -> Known:
+    """What the baseline says now, for `LegObserver.take_baseline`."""
+    fade = min(max(since.age_s, 0.0) / FADE_S, 1.0) ** 2
+    lost = fade * np.array(baseline.frictional, dtype=float)
+    if since.other_day:
+        lost = np.maximum(lost, OTHER_DAY_STD**2)
+    ratio = OTHER_KEPT_RATIO if since.other_gait or since.other_day else 1.0
+    covariance = baseline.covariance + np.diag(lost)
     return known_of(baseline.theta, covariance, ratio * np.array(baseline.kept_std))
 
 
 def is_other_gait(baseline: Baseline, cadence_hz: float, swing_rad: float) -> bool:
     """True if a stride is not like those of the baseline."""
-    cadence_ratio = cadence_hz / baseline.cadence_hz
-    swing_ratio = swing_rad / baseline.swing_rad
-    inside = 1.0 / OTHER_GAIT_RATIO, OTHER_GAIT_RATIO
-    return not all(inside[0] <= one <= inside[1] for one in (cadence_ratio, swing_ratio))
+    return is_other(cadence_hz, baseline.cadence_hz) or is_other(swing_rad, baseline.swing_rad)
+
+
+def is_other(value: float, then: float) -> bool:
+    """True if what makes a gait differs by more than OTHER_GAIT_RATIO."""
+    return not then <= OTHER_GAIT_RATIO * value <= OTHER_GAIT_RATIO**2 * then
 
 
 def swing_of(rows: Matrix) -> float:
@@ -170,8 +201,8 @@ class PassiveStrides:
         """The baseline of the strides so far.
 
         Raises:
-            NotPassiveError: too few strides, an axis with too few valid samples, or an estimate
-                that does not repeat from stride to stride.
+            NotPassiveError: too few strides, an axis with too few valid samples, an estimate that
+                does not repeat from stride to stride, or one that no plausible error explains.
         """
         if self.stride_count < STRIDES_MIN:
             raise NotPassiveError(Unfit.FEW_STRIDES, 0, self.stride_count, STRIDES_MIN)
@@ -182,6 +213,11 @@ class PassiveStrides:
             left = [np.sqrt(np.mean(np.square(one.patient - one.errors @ theta))) for one in axes]
             kept = np.maximum(KEPT_MIN, left)
             theta, covariance = _regression(axes, kept)
+        largest = float(np.abs(theta).max(initial=0.0))
+        if largest > THETA_MAX:
+            raise NotPassiveError(
+                Unfit.IMPLAUSIBLE, _most_explained(axes, theta), largest, THETA_MAX
+            )
         hip_nm, slide_n = kept.tolist()
         return Baseline(
             theta,
@@ -226,6 +262,15 @@ def _regression(axes: Sequence[_Means], kept: Vector) -> tuple[Vector, Matrix]:
         weighted += one.errors.T @ (weights * one.patient)
     covariance = np.linalg.inv(information)
     return covariance @ weighted, 0.5 * (covariance + covariance.T)
+
+
+def _most_explained(axes: Sequence[_Means], theta: Vector) -> int:
+    """The axis on which the errors explain most, in the standard deviations of the file."""
+    return int(
+        np.argmax(
+            [np.square(one.errors @ theta).sum() / np.square(one.errors).sum() for one in axes]
+        )
+    )
 
 
 def baseline_of(smooth: BatchEstimates, columns: Columns, frictional: Sequence[bool]) -> Baseline:

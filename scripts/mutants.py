@@ -38,7 +38,7 @@ from enum import Enum
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from types import CodeType, FrameType, FunctionType
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 PROJECT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(PROJECT), str(PROJECT / "scripts")]
@@ -368,6 +368,9 @@ class Run(NamedTuple):
 class _InForks:
     """Pytest plugin that forks for each mutant; a hook that returns None lets a fork go on."""
 
+    codes: ClassVar = frozenset({0, 1, 2})
+    """What pytest ends a fork with: all passed, one failed, a file could not be collected."""
+
     def __init__(self, report: Callable[[Judged], None]) -> None:
         self.report = report
         self.to_parent: Connection | None = None
@@ -386,7 +389,7 @@ class _InForks:
         with contextlib.suppress(EOFError):
             self.kills[receive.recv()] += 1
         code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-        if code not in {0, 1, 2} and code >= 0:
+        if code not in self.codes and code >= 0:
             raise RuntimeError(f"the tests of {judged.spec} could not run: pytest says {code}")
         return judged._replace(outcome=Outcome.KILLED if code else Outcome.SURVIVED, source="")
 
@@ -507,6 +510,9 @@ class _AfterCollection(_InForks):
 
 class _BeforeImport(_InForks):
     """Forks before any file of the tests is imported, which then import the mutated module."""
+
+    codes = _InForks.codes | {3, 4}
+    """Also: a plugin or a conftest.py cannot be imported."""
 
     def __init__(self, undecided: Iterable[Judged], report: Callable[[Judged], None]) -> None:
         super().__init__(report)

@@ -18,7 +18,7 @@ from daemon.core.safety.joints import Joint
 from daemon.core.safety.soft_limits import SoftZone
 from daemon.ipc.record import Request, Setpoint
 from drives.signals import DriveFeedback, OperationMode
-from observer.baseline import Baseline, PassiveStrides
+from observer.baseline import Baseline, PassiveStrides, Since
 from observer.drift import NO_DRIFT, Drift
 from observer.filter.considered import NOTHING_KNOWN, Known
 from observer.filter.leg_observer import LegEstimate
@@ -153,10 +153,12 @@ class Passive(Struct, frozen=True):
     baseline: Baseline | None = None
     taken_cycle: int | None = None
     """Cycle in which it was taken; None: an unknown time ago."""
-    age_steps: int = 0
-    """Age of what is known, in steps of `passive.AGE_STEP_S`."""
-    other_gait: bool = False
-    """The last stride was not like those of the baseline."""
+    guidance_ratio: float = 1.0
+    """Share of the guidance stiffness at the end of the minute."""
+    temperatures_degc: tuple[float | None, float | None] = (None, None)
+    """Of the drives, at the end of the minute."""
+    since: Since = Since()
+    """What is other than in the minute, for `known`."""
     strides: PassiveStrides | None = None
     """Strides of the minute under way; an object that `steps/passive.py` alone adds to."""
     growing_strides: int = 0

@@ -30,7 +30,7 @@ from gaitd_lab.studies.experiment.measures import rms
 from gaitd_lab.studies.report import Cell, Table, measured, of_leg
 from gaitd_lab.trial import Trial
 from gaitd_lab.trials import Situation, Trials
-from observer.baseline import Baseline, NotPassiveError, baseline_of, known
+from observer.baseline import Baseline, NotPassiveError, Since, baseline_of, known
 from observer.filter.considered import (
     DRIVES,
     LEG_COUNT,
@@ -264,7 +264,7 @@ def _rows(
     try:
         clean = [
             [
-                _setup(one, known(_minute(one, passive), 0.0))
+                _setup(one, known(_minute(one, passive), Since()))
                 for one in _shown(some, begin(f"{name}, baseline"))
             ]
             for some, passive in zip(files, walks.passive, strict=True)
@@ -321,7 +321,7 @@ def _falling_rows(
         for leg, trial in zip(rigid, walked.values(), strict=True):
             for how, one, setup in (
                 ("without", file, _setup(file)),
-                ("with", file, _setup(file, known(minutes[leg][number], age_s))),
+                ("with", file, _setup(file, known(minutes[leg][number], Since(age_s)))),
                 ("the true file", File(fallen), filter_setup(fallen)),
             ):
                 found.setdefault((leg, cadence_hz, how), []).append(_errors(trial, one, setup))

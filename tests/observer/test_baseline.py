@@ -17,8 +17,12 @@ from daemon.config.settings import Robot
 from observer.baseline import (
     FADE_S,
     KEPT_MIN,
+    LONG_AGO,
+    OTHER_DAY_STD,
+    THETA_MAX,
     Baseline,
     NotPassiveError,
+    Since,
     Unfit,
     baseline_of,
     is_other_gait,
@@ -102,7 +106,7 @@ def test_errors_of_the_file_are_found_and_taken_off_at_another_cadence(name):
     best, _ = errors(setup_of(machine[0], *machine[1], TUNING), shown, true)
     bare, bare_std = errors(SETUP, columns, true)
 
-    setup = with_baseline(SETUP, known(minute(machine), 0.0))
+    setup = with_baseline(SETUP, known(minute(machine), Since()))
     left, std = errors(setup, columns, true)
 
     assert (rms(left) <= 1.3 * rms(best)).all()
@@ -113,7 +117,7 @@ def test_errors_of_the_file_are_found_and_taken_off_at_another_cadence(name):
 
 def test_what_is_published_of_smoother_and_filter_says_that_it_is_relative():
     columns, _ = played(MACHINES["an offset of 1 N m"], 20, WORK_HZ)
-    setup = with_baseline(SETUP, known(minute(MACHINES["an offset of 1 N m"]), 0.0))
+    setup = with_baseline(SETUP, known(minute(MACHINES["an offset of 1 N m"]), Since()))
 
     for estimates_of in (run, run_smoothed):
         bare, clean = estimates_of(SETUP, columns), estimates_of(setup, columns)
@@ -150,6 +154,27 @@ def test_a_patient_who_works_now_and_then_gives_no_baseline():
     assert found.value > 1.0
 
 
+@pytest.mark.parametrize(
+    ("push", "axis"),
+    [
+        (lambda turns: (16.0 + 0.0 * turns, 0.0 * turns), 0),
+        (lambda turns: (0.0 * turns, 40.0 + 0.0 * turns), 1),
+        (lambda turns: (6.0 * np.sin(turns), 0.0 * turns), 0),
+    ],
+    ids=["a constant push at the hip", "a constant push at the slide", "a push along the gait"],
+)
+def test_a_push_that_only_an_error_far_from_the_file_explains_gives_no_baseline(push, axis):
+    def pushing(time_s):
+        return np.column_stack(push(2.0 * np.pi * MINUTE_HZ * time_s))
+
+    with pytest.raises(NotPassiveError) as refused:
+        minute(MACHINES["as its file"], pushing)
+
+    found = refused.value
+    assert (found.why, found.axis, found.limit) == (Unfit.IMPLAUSIBLE, axis, THETA_MAX)
+    assert found.value > THETA_MAX
+
+
 def test_too_few_strides_and_an_axis_that_is_hardly_known_give_no_baseline():
     columns, _ = played(MACHINES["as its file"], 36, MINUTE_HZ)
     smooth = run_smoothed(SETUP, columns)
@@ -176,14 +201,25 @@ BASELINE = Baseline(
     ("age_s", "left"), [(-5.0, 0.0), (0.0, 0.0), (0.5 * FADE_S, 0.25), (FADE_S, 1.0), (1e9, 1.0)]
 )
 def test_what_is_known_of_friction_fades_to_the_file_s_and_the_rest_stays(age_s, left):
-    now = known(BASELINE, age_s)
+    now = known(BASELINE, Since(age_s))
 
     covariance = now.root @ now.root.T
     np.testing.assert_allclose(covariance[:2, :2], np.diag([0.25, 0.25 + left]))
     assert now.taken
     np.testing.assert_array_equal(now.theta[:3], [1.0, -2.0, 0.0])
     np.testing.assert_array_equal(now.kept_std, [0.2, 1.5])
-    np.testing.assert_array_equal(known(BASELINE, age_s, other_gait=True).kept_std, [0.4, 3.0])
+    other = known(BASELINE, Since(age_s, other_gait=True))
+    np.testing.assert_array_equal(other.kept_std, [0.4, 3.0])
+    np.testing.assert_array_equal(other.root, now.root)
+
+
+def test_on_another_day_no_parameter_is_as_sure_as_it_was():
+    soon, faded = known(BASELINE, Since(other_day=True)), known(BASELINE, LONG_AGO)
+
+    for now, friction in ((soon, OTHER_DAY_STD**2), (faded, 1.0)):
+        covariance = (now.root @ now.root.T)[:2, :2]
+        np.testing.assert_allclose(covariance, np.diag([0.25 + OTHER_DAY_STD**2, 0.25 + friction]))
+        np.testing.assert_array_equal(now.kept_std, [0.4, 3.0])
 
 
 @pytest.mark.parametrize(

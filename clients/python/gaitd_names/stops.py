@@ -155,6 +155,7 @@ class Finding(StrEnum):
     FEW_STRIDES = auto()
     FEW_SAMPLES = auto()
     NOT_PASSIVE = auto()
+    IMPLAUSIBLE = auto()
     # an earlier run of the service
     ENDED_WHILE_ENABLED = auto()
     NOTES_UNREADABLE = auto()

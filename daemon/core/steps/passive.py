@@ -5,8 +5,9 @@
     MINUTE_S of strides, or the     the baseline is in force, or the finding says why there is none
     end of the gait
 
-What is known fades, and widens in another gait (`observer/baseline.py`). A homing moves the origin
-of a position, and another drive shows other efforts: after either there is no baseline any more.
+What is known fades, and widens in another gait or guidance, on another day, and at other
+temperatures of the drives (`observer/baseline.py`). A homing moves the origin of a position, and
+another drive shows other efforts: after either there is no baseline any more.
 
 This file makes `Passive`.
 """
@@ -24,30 +25,38 @@ from daemon.core.state import Leg
 from daemon.ipc.report import Event
 from observer.baseline import (
     FADE_S,
+    LONG_AGO,
     Baseline,
     NotPassiveError,
     PassiveStrides,
+    Since,
     Unfit,
+    is_other,
     is_other_gait,
     known,
     swing_of,
 )
 from observer.filter.considered import NOTHING_KNOWN
+from observer.strides import Stride
 
 MINUTE_S: Final = 60.0
 AGE_STEP_S: Final = 20.0
 """What is known is computed anew after this long: it fades slowly."""
-_FADED_STEPS: Final = round(FADE_S / AGE_STEP_S)
+DAY_S: Final = 4 * 3600.0
+"""A training does not last so long: a later one is of another day."""
+TEMPERATURE_CHANGE_MAX_K: Final = 10.0
+"""A motor's torque constant falls by two percent in that, as much as the file states."""
 _FINDINGS: Final[Mapping[Unfit, Finding]] = {
     Unfit.FEW_STRIDES: Finding.FEW_STRIDES,
     Unfit.FEW_SAMPLES: Finding.FEW_SAMPLES,
     Unfit.NOT_PASSIVE: Finding.NOT_PASSIVE,
+    Unfit.IMPLAUSIBLE: Finding.IMPLAUSIBLE,
 }
 
 
 def from_file(baseline: Baseline | None) -> Passive:
     """What a baseline says that was taken an unknown time ago."""
-    return _in_force(Passive(baseline=baseline), _FADED_STEPS, other_gait=False)
+    return _in_force(Passive(baseline=baseline), LONG_AGO)
 
 
 def begun(leg: Leg, ramp_strides: float) -> Passive:
@@ -72,14 +81,37 @@ def advance(leg: Leg, before: Passive, mode: Mode, cycle: int) -> Passive:
         return _minute(leg, before, before.strides, mode, cycle)
     if stride is None or before.baseline is None:
         return before
+    since = _since(leg, before, stride, before.baseline, cycle)
+    return before if since == before.since else _in_force(before, since)
+
+
+def _since(leg: Leg, before: Passive, stride: Stride, baseline: Baseline, cycle: int) -> Since:
     swing_rad = swing_of(leg.observers.strides.completed)
-    other_gait = is_other_gait(before.baseline, stride.cadence_hz, swing_rad)
-    age_steps = _FADED_STEPS
-    if before.taken_cycle is not None:
-        age_steps = min(int((cycle - before.taken_cycle) * PERIOD_S / AGE_STEP_S), _FADED_STEPS)
-    if (age_steps, other_gait) == (before.age_steps, before.other_gait):
-        return before
-    return _in_force(before, age_steps, other_gait=other_gait)
+    other_gait = is_other_gait(baseline, stride.cadence_hz, swing_rad)
+    if before.taken_cycle is None:
+        return LONG_AGO._replace(other_gait=other_gait)
+    age_s = (cycle - before.taken_cycle) * PERIOD_S
+    return Since(
+        age_s=min(int(age_s / AGE_STEP_S) * AGE_STEP_S, FADE_S),
+        other_gait=other_gait or is_other(leg.guidance_ratio, before.guidance_ratio),
+        other_day=age_s >= DAY_S or _is_other_temperature(leg, before),
+    )
+
+
+def _is_other_temperature(leg: Leg, before: Passive) -> bool:
+    pairs = zip(_temperatures_degc(leg), before.temperatures_degc, strict=True)
+    return any(
+        now is not None and then is not None and abs(now - then) > TEMPERATURE_CHANGE_MAX_K
+        for now, then in pairs
+    )
+
+
+def _temperatures_degc(leg: Leg) -> tuple[float | None, float | None]:
+    hip, slide = (
+        None if axis.sensed.feedback is None else axis.sensed.feedback.temperature_degc
+        for axis in leg.axes
+    )
+    return hip, slide
 
 
 def with_drives(leg: Leg, serial_numbers: Sequence[int]) -> Passive:
@@ -108,7 +140,7 @@ def news(leg: Leg, before: Passive, after: Passive) -> Iterator[Event]:
 def _minute(leg: Leg, before: Passive, strides: PassiveStrides, mode: Mode, cycle: int) -> Passive:
     stride, exercise = leg.estimated.stride, leg.exercise
     if mode != Mode.GAIT or strides.duration_s >= MINUTE_S:
-        return _result(strides, cycle)
+        return _result(leg, strides, cycle)
     if stride is None or exercise is None or exercise.stage is not Stage.PLAYING:
         return before
     if before.growing_strides > 0:
@@ -117,17 +149,22 @@ def _minute(leg: Leg, before: Passive, strides: PassiveStrides, mode: Mode, cycl
     return before
 
 
-def _result(strides: PassiveStrides, cycle: int) -> Passive:
+def _result(leg: Leg, strides: PassiveStrides, cycle: int) -> Passive:
     try:
         baseline = strides.result()
     except NotPassiveError as error:
         found = error.axis, error.value, error.limit
         return Passive(finding=_FINDINGS[error.why], found=found)
-    return _in_force(Passive(baseline=baseline, taken_cycle=cycle), 0, other_gait=False)
+    taken = Passive(
+        baseline=baseline,
+        taken_cycle=cycle,
+        guidance_ratio=leg.guidance_ratio,
+        temperatures_degc=_temperatures_degc(leg),
+    )
+    return _in_force(taken, Since())
 
 
-def _in_force(passive: Passive, age_steps: int, *, other_gait: bool) -> Passive:
+def _in_force(passive: Passive, since: Since) -> Passive:
     if passive.baseline is None:
         return replace(passive, known=NOTHING_KNOWN)
-    now = known(passive.baseline, age_steps * AGE_STEP_S, other_gait=other_gait)
-    return replace(passive, known=now, age_steps=age_steps, other_gait=other_gait)
+    return replace(passive, known=known(passive.baseline, since), since=since)

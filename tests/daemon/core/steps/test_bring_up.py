@@ -65,7 +65,7 @@ def test_drives_that_are_up_are_taken_over_and_nothing_of_before_is_left():
         has_been_sent(axis, effort_si=5.0)
         axis.sign_proven, axis.serial_number = True, 99
     (leg,) = core.legs
-    leg.reference, leg.passive = object(), Passive(other_gait=True)
+    leg.reference, leg.passive = object(), Passive(guidance_ratio=0.5)
     leg.estimated = Estimated(estimate=object(), bad_cycles=7, stride_count=3)
     core.evidence = {"right/hip": object()}  # of the drive 99, which is another one
 

@@ -9,9 +9,17 @@ from msgspec.structs import replace
 
 from daemon.core.slices import Estimated, Passive
 from daemon.core.steps import passive
-from daemon.core.steps.passive import AGE_STEP_S, MINUTE_S, advance, begun, from_file, news
+from daemon.core.steps.passive import AGE_STEP_S, DAY_S, MINUTE_S, advance, begun, from_file, news
 from daemon.ipc.report import Event
-from observer.baseline import FADE_S, Baseline, NotPassiveError, Unfit, known
+from observer.baseline import (
+    FADE_S,
+    LONG_AGO,
+    Baseline,
+    NotPassiveError,
+    Since,
+    Unfit,
+    known,
+)
 from observer.filter.considered import NOTHING_KNOWN
 from observer.strides import COLUMNS, HIP
 
@@ -37,9 +45,20 @@ class Strides:
         return self.gives
 
 
-def leg_with(stride=STRIDE, stage=Stage.PLAYING, *, origin_moved=False):
-    def axis(name, *, moved):
-        return SimpleNamespace(name=f"right/{name}", sensed=SimpleNamespace(origin_moved=moved))
+def leg_with(
+    stride=STRIDE,
+    stage=Stage.PLAYING,
+    *,
+    origin_moved=False,
+    guidance_ratio=0.8,
+    temperatures_degc=(30.0, 40.0),
+):
+    def axis(name, temperature_degc, *, moved):
+        feedback = SimpleNamespace(temperature_degc=temperature_degc)
+        if temperature_degc == "no answer yet":
+            feedback = None
+        sensed = SimpleNamespace(origin_moved=moved, feedback=feedback)
+        return SimpleNamespace(name=f"right/{name}", sensed=sensed)
 
     return SimpleNamespace(
         name="right",
@@ -48,7 +67,11 @@ def leg_with(stride=STRIDE, stage=Stage.PLAYING, *, origin_moved=False):
         observers=SimpleNamespace(
             strides=SimpleNamespace(completed=ROWS), frictional=(False, True)
         ),
-        axes=(axis("hip", moved=False), axis("slide", moved=origin_moved)),
+        axes=(
+            axis("hip", temperatures_degc[0], moved=False),
+            axis("slide", temperatures_degc[1], moved=origin_moved),
+        ),
+        guidance_ratio=guidance_ratio,
     )
 
 
@@ -97,7 +120,8 @@ def test_a_minute_is_over_after_its_time_or_with_the_gait(duration_s, mode, over
     assert (after.strides is None) is over
     assert (after.baseline, after.taken_cycle) == ((TAKEN, 70) if over else (None, None))
     if over:
-        np.testing.assert_array_equal(after.known.root, known(TAKEN, 0.0).root)
+        np.testing.assert_array_equal(after.known.root, known(TAKEN, Since()).root)
+        assert (after.guidance_ratio, after.temperatures_degc) == (0.8, (30.0, 40.0))
         assert list(news(leg_with(), minute, after)) == [
             Event(EventCode.BASELINE_TAKEN, "right", (9, 0.2, 1.5))
         ]
@@ -109,6 +133,7 @@ def test_a_minute_is_over_after_its_time_or_with_the_gait(duration_s, mode, over
         (Unfit.FEW_STRIDES, 0, Finding.FEW_STRIDES, "right/hip"),
         (Unfit.FEW_SAMPLES, 1, Finding.FEW_SAMPLES, "right/slide"),
         (Unfit.NOT_PASSIVE, 1, Finding.NOT_PASSIVE, "right/slide"),
+        (Unfit.IMPLAUSIBLE, 0, Finding.IMPLAUSIBLE, "right/hip"),
     ],
 )
 def test_a_minute_that_gives_nothing_says_why_and_nothing_is_known(why, axis, finding, name):
@@ -125,7 +150,7 @@ def test_a_minute_or_a_baseline_without_an_end_of_a_minute_is_no_news():
     minute, taken = Passive(strides=Strides()), Passive(baseline=TAKEN)
 
     assert not list(news(leg_with(), minute, minute))
-    assert not list(news(leg_with(), taken, replace(taken, other_gait=True)))
+    assert not list(news(leg_with(), taken, replace(taken, since=Since(other_gait=True))))
     assert not list(news(leg_with(), minute, Passive()))
 
 
@@ -164,22 +189,65 @@ def test_what_is_known_is_computed_anew_in_another_gait_and_as_it_fades_and_only
     faded = advance(leg_with(), taken, Mode.GAIT, faded_cycle)
 
     assert advance(leg_with(), faded, Mode.GAIT, faded_cycle + CYCLES_PER_STEP) is faded
-    assert other.other_gait
-    for found, expected in (
-        (other, known(TAKEN, 0.0, other_gait=True)),
-        (older, known(TAKEN, AGE_STEP_S)),
-        (faded, known(TAKEN, FADE_S)),
+    for found, since in (
+        (other, Since(other_gait=True)),
+        (older, Since(AGE_STEP_S)),
+        (faded, Since(FADE_S)),
     ):
+        assert found.since == since
+        expected = known(TAKEN, since)
         np.testing.assert_array_equal(found.known.kept_std, expected.kept_std)
         np.testing.assert_array_equal(found.known.root, expected.root)
-    assert not advance(leg_with(), other, Mode.GAIT, 600).other_gait
+    assert advance(leg_with(), other, Mode.GAIT, 600).since == Since()
 
 
-def test_a_baseline_from_a_file_has_faded_and_stays_so():
+@pytest.mark.parametrize(
+    ("now", "expected"),
+    [
+        ({"guidance_ratio": 0.75}, Since()),
+        ({"guidance_ratio": 0.7}, Since(other_gait=True)),
+        ({"guidance_ratio": 0.9}, Since(other_gait=True)),
+        ({"temperatures_degc": (40.0, 50.0)}, Since()),
+        ({"temperatures_degc": (40.1, 40.0)}, Since(other_day=True)),
+        ({"temperatures_degc": (30.0, 29.9)}, Since(other_day=True)),
+        ({"temperatures_degc": (None, 45.0)}, Since()),
+        ({"temperatures_degc": ("no answer yet", 55.0)}, Since(other_day=True)),
+    ],
+)
+def test_other_guidance_is_another_gait_and_another_temperature_another_day(now, expected):
+    taken = advance(leg_with(None), Passive(strides=Strides(MINUTE_S)), Mode.GAIT, 100)
+
+    found = advance(leg_with(**now), taken, Mode.GAIT, 500)
+
+    assert found.since == expected
+    assert (found is taken) is (expected == Since())
+    np.testing.assert_array_equal(found.known.root, known(TAKEN, expected).root)
+    np.testing.assert_array_equal(found.known.kept_std, known(TAKEN, expected).kept_std)
+
+
+def test_a_drive_whose_temperature_was_not_known_is_not_compared():
+    unknown = leg_with(None, temperatures_degc=(None, "no answer yet"))
+    taken = advance(unknown, Passive(strides=Strides(MINUTE_S)), Mode.GAIT, 100)
+
+    assert taken.temperatures_degc == (None, None)
+    assert advance(leg_with(), taken, Mode.GAIT, 500) is taken
+
+
+def test_four_hours_later_it_is_another_day():
+    taken = advance(leg_with(None), Passive(strides=Strides(MINUTE_S)), Mode.GAIT, 100)
+    next_cycle = 100 + round(DAY_S / 0.01)
+
+    assert not advance(leg_with(), taken, Mode.GAIT, next_cycle - 1).since.other_day
+    assert advance(leg_with(), taken, Mode.GAIT, next_cycle).since == Since(FADE_S, other_day=True)
+
+
+def test_a_baseline_from_a_file_is_of_another_day_and_stays_so():
     shown = from_file(TAKEN)
+    faster = leg_with(SimpleNamespace(duration_s=3.0, cadence_hz=0.33))
 
-    np.testing.assert_array_equal(shown.known.root, known(TAKEN, FADE_S).root)
-    assert advance(leg_with(), shown, Mode.GAIT, 1) is shown
+    np.testing.assert_array_equal(shown.known.root, known(TAKEN, LONG_AGO).root)
+    assert advance(leg_with(guidance_ratio=0.1), shown, Mode.GAIT, 1) is shown
+    assert advance(faster, shown, Mode.GAIT, 1).since == LONG_AGO._replace(other_gait=True)
     assert from_file(None) == Passive()
 
 
