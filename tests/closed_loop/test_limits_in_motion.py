@@ -11,6 +11,7 @@ from sessions import (
 )
 from wire import change_what_drives_say
 
+from daemon.core.period import PERIOD_S
 from daemon.core.steps import monitors
 from daemon.ipc.record import ModeRequest
 from observer.filter.status import Status, Validity
@@ -89,6 +90,28 @@ def test_a_spasm_first_softens_the_guidance_and_then_stops(warm_fast_gait):
     assert leg.softened.spasm_ratio == pytest.approx(0.5)
     assert stopped.verdict.cause == Cause.SPASM
     assert stopped.sync_mono_ns - begun.sync_mono_ns <= 420_000_000
+
+
+LIMITS = {
+    Cause.POSITION_LIMIT: ("position_max_si", lambda now: now.joint.position_si),
+    Cause.VELOCITY_LIMIT: ("velocity_max_si", lambda now: abs(now.joint.velocity_si)),
+    Cause.EFFORT_LIMIT: ("effort_max_si", lambda now: abs(now.joint.effort_si)),
+    Cause.POWER_LIMIT: ("power_max_w", lambda now: now.joint.effort_si * now.joint.velocity_si),
+    Cause.TEMPERATURE_LIMIT: ("temperature_max_degc", lambda now: now.feedback.temperature_degc),
+}
+
+
+@pytest.mark.parametrize("cause", LIMITS, ids=lambda cause: cause.name)
+def test_a_gait_stops_in_the_cycle_that_shows_a_value_beyond_a_limit(warm_fast_gait, cause):
+    session, (limit, value_of) = warm_fast_gait, LIMITS[cause]
+    hip = session.core.legs[0].axes[0]
+    session.run_until(lambda _: value_of(hip.sensed) > 0.0, within_s=2.0)
+
+    hip.limits = hip.limits._replace(**{limit: 0.8 * value_of(hip.sensed)})
+    session.run(PERIOD_S)
+
+    verdict = session.record.verdict
+    assert (verdict.cause, verdict.drive) == (cause, "right/hip")
 
 
 def test_more_energy_in_a_stride_than_allowed_stops(warm_fast_gait):

@@ -34,6 +34,7 @@ from gaitd_lab.studies.real_data.comparison import (
     NOISE,
     PAPER,
     PUBLISHED,
+    SMOOTHED_NOISE,
     compare,
 )
 from gaitd_lab.studies.real_data.emps import FILES, read
@@ -143,6 +144,7 @@ def test_a_pulse_is_found_and_sigma_covers_the_error(found):
     assert found[NOISE]["50 ms, N"] < 2.0  # no rate of the edge is carried on
     assert found[NOISE]["NIS"] == pytest.approx(1.0, abs=0.15)
     assert found[CALIBRATED]["NIS"] < 0.3
+    assert found[SMOOTHED_NOISE]["3σ"] >= 0.99
     assert found[PUBLISHED]["× gaitd"] > 1.0
 
 
@@ -278,5 +280,6 @@ def test_on_the_recorded_axis_all_that_was_asked_is_met(real):
         assert found[name]["σ, N"] <= first["σ, N"]
     assert 0.94 <= found[NOISE]["NIS"] <= 1.06
     assert found[NOISE]["3σ, reversals"] >= 0.99
+    assert found[SMOOTHED_NOISE]["3σ, reversals"] >= 0.99
     for name in (MOMENTUM, INVERSE):
         assert found[name]["as disturbance, N"] > found[NOISE]["as disturbance, N"]

@@ -38,6 +38,7 @@ CALIBRATED: Final = "gaitd, calibrated"
 NOISE: Final = "gaitd, calibrated with its noise"
 CERTAIN: Final = "the same, the law taken as certain"
 SMOOTHED: Final = "gaitd, calibrated, smoothed (150 ms late)"
+SMOOTHED_NOISE: Final = "gaitd, calibrated with its noise, smoothed"
 PAPER: Final = "the paper's tuning, calibrated with its noise"
 MOMENTUM: Final = "momentum observer, static friction"
 INVERSE: Final = "inverse dynamics, low-pass, static friction"
@@ -132,16 +133,20 @@ def _observers(first: Robot, plain: Robot, noisy: Robot) -> dict[str, Run]:
     def live(robot: Robot) -> Run:
         return lambda situation: of_observer(estimate(situation.source, robot))
 
-    def smoothed(situation: Situation) -> Estimate:
-        made = estimate_smoothed(situation.source, plain)
-        return of_observer(made)._replace(nis=None, lead_s=LAG * STEP_S)
+    def smoothed(robot: Robot) -> Run:
+        def run(situation: Situation) -> Estimate:
+            made = estimate_smoothed(situation.source, robot)
+            return of_observer(made)._replace(nis=None, lead_s=LAG * STEP_S)
+
+        return run
 
     return {
         PUBLISHED: live(first),
         CALIBRATED: live(plain),
         NOISE: live(noisy),
         CERTAIN: live(with_process_noise(noisy, dict.fromkeys(LAW_KEYS, 0.0))),
-        SMOOTHED: smoothed,
+        SMOOTHED: smoothed(plain),
+        SMOOTHED_NOISE: smoothed(noisy),
         PAPER: live(paper),
     }
 
