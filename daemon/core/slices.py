@@ -156,7 +156,7 @@ class Passive(Struct, frozen=True):
     guidance_ratio: float = 1.0
     """Share of the guidance stiffness at the end of the minute."""
     temperatures_degc: tuple[float | None, float | None] = (None, None)
-    """Of the drives, at the end of the minute."""
+    """Temperatures of the drives of hip and slide at the end of the minute."""
     since: Since = Since()
     """What is other than in the minute, for `known`."""
     strides: PassiveStrides | None = None

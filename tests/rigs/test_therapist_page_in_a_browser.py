@@ -46,7 +46,7 @@ LEGS = (("right",), ("right", "left"))
 AT_REST = {"validity": "split_unobservable"}
 SCENES = {
     "walking": {"top_w": 3.5},
-    "hold": {"mode": Mode.HOLD, **AT_REST},
+    "hold": {"mode": Mode.HOLD, "relative": True, **AT_REST},
     "ready": {"mode": Mode.READY, **AT_REST},
     "guiding": {"mode": Mode.HAND_GUIDING, "validity": "bad"},
     "stopped": {"mode": Mode.FAULT, "cause": Cause.SPASM, **AT_REST},
@@ -298,6 +298,10 @@ def test_each_state_is_whole_readable_and_without_a_code_at_each_size(desk, trai
                 checked.add(scheme)
                 assert violations(tab) == [], where
             tab.word(WORDS[state])
+            if state != "no_signal":
+                label = "label.relative" if state == "hold" else "label.no_baseline"
+                sentence = catalogue(Reader.OPERATOR, language).text(label)
+                tab.until(f"document.body.innerText.includes({sentence!r})")
             tab.shot("_".join(("therapist", state, language, scheme, str(size[0]))))
     player.speak()
 

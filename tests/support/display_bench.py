@@ -23,6 +23,7 @@ from gaitd_client import (
     Reply,
     RequestRefusedError,
     Safety,
+    StatusBit,
     Stride,
     wire,
 )
@@ -224,10 +225,14 @@ class MessageTrainer:
         power=None,
         pose=(0.2, 0.4),
         validity="ok",
+        relative=False,
         fresh=True,
         count=1,
     ):
-        """Cycles of 10 ms, each with the messages of its kind; one pose, or one for each leg."""
+        """Cycles of 10 ms, each with the messages of its kind; one pose, or one for each leg.
+
+        Estimates are relative to a minute with a passive patient, or there was none yet.
+        """
         poses = pose if isinstance(pose[0], tuple) else (pose,) * len(self.legs)
         for _ in range(count):
             self.clock.ns += 10_000_000
@@ -251,6 +256,7 @@ class MessageTrainer:
                     hip |= {"friction": 3.0, "friction_std": 0.2}
                     hip |= {"tremor_frequency_hz": 5.0, "tremor_amplitude": 2.5}
                     slide |= {"friction": -40.0, "friction_std": 5.0}
+                of_leg["status"] = [StatusBit.BASELINE] if relative else []
                 self.send(f"{leg}/estimate", filled(wire.Estimate, **of_leg, hip=hip, slide=slide))
                 for axis, position in zip(("hip", "slide"), of_it, strict=True):
                     drive = {"name": f"{leg}/{axis}", "position": position, "fresh": fresh}

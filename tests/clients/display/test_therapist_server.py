@@ -387,6 +387,14 @@ def view(trainer):
     return view
 
 
+def test_values_are_relative_once_a_minute_with_a_passive_patient_is_taken_off(trainer, view):
+    for relative in (False, True):
+        trainer.cycles(Mode.HOLD, relative=relative)
+
+        (leg,) = view().legs
+        assert leg.is_relative is relative
+
+
 def test_a_signal_that_is_lost_in_part_is_no_signal_and_an_alarm_if_the_drives_were_on(
     trainer, view
 ):
