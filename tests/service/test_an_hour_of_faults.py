@@ -3,7 +3,6 @@
 import sys
 
 import pytest
-from drawn_faults import SOURCES, Actor, FaultGenerator
 from gaitd_names import Cause, Mode, StopCategory
 from msgspec.structs import replace
 from records import record as any_record
@@ -14,6 +13,7 @@ from gaitd_lab.process_memory import Sample
 from gaitd_lab.processes import Tempo
 from gaitd_lab.timed_service import PARTS, warm_up
 from sim_drives.faults.script import parse_command
+from tests.service.drawn_faults import SOURCES, Actor, FaultGenerator
 from tests.service.soak import Soak, SoakedService, StopMonitor, growth_mb_per_h
 
 SEED = 1
