@@ -3,11 +3,9 @@
 import sys
 
 import pytest
-from drawn_faults import SOURCES, Actor, FaultGenerator
 from gaitd_names import Cause, Mode, StopCategory
 from msgspec.structs import replace
 from records import record as any_record
-from soak import Soak, SoakedService, StopMonitor, growth_mb_per_h
 
 from daemon.config.shipped import configs_folder
 from daemon.ipc.record import Verdict
@@ -15,6 +13,8 @@ from gaitd_lab.process_memory import Sample
 from gaitd_lab.processes import Tempo
 from gaitd_lab.timed_service import PARTS, warm_up
 from sim_drives.faults.script import parse_command
+from tests.service.drawn_faults import SOURCES, Actor, FaultGenerator
+from tests.service.soak import Soak, SoakedService, StopMonitor, growth_mb_per_h
 
 SEED = 1
 DURATION_S = 3600.0

@@ -3,13 +3,12 @@
 from collections.abc import Callable
 from typing import Any
 
-import exploration
 import pytest
-from exploration import SHORT, BrokenError, Search
 from gaitd_names import Cause, Mode
 
 from daemon.core.steps import impedance, supervisor
 from drives.signals import PowerRequest
+from tests.daemon.core.steps.exploration import SHORT, VERDICTS, BrokenError, Search
 
 
 @pytest.fixture(autouse=True)
@@ -79,7 +78,7 @@ def test_a_stop_that_never_ends_is_found(monkeypatch):
 
 
 def test_a_verdict_of_every_category_is_among_the_events():
-    causes = {event.what for event in exploration.VERDICTS}
+    causes = {event.what for event in VERDICTS}
     categories = {Search().model.core.config.categories.of(cause).name for cause in causes}
 
     assert categories == {"S0", "S1", "S2"}

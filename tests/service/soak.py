@@ -12,7 +12,6 @@ import time
 from collections import Counter, deque
 from dataclasses import dataclass, field
 
-from drawn_faults import DEATHS_RATIO, Actor, FaultGenerator
 from gaitd_client import wire
 from gaitd_client.connection import open_session
 from gaitd_names import Cause, Mode, StopCategory
@@ -24,6 +23,7 @@ from gaitd_lab.requests import Ask, Requests
 from gaitd_lab.timed_service import PARTS, RecordTail, TimedService
 from observer.filter.status import NIS_WINDOW_SAMPLES, Status
 from simtime.processes import STOPPED, process_state
+from tests.service.drawn_faults import DEATHS_RATIO, Actor, FaultGenerator
 
 TURN_S = 0.1
 LEAST_TURN_S = 0.001
