@@ -15,7 +15,7 @@ WORKERS ?= $(shell n=$$(nproc); echo $$((n < 15 ? n + 1 : 16)))
 # Records the CPU-seconds of a step; pytest prints them with its own.
 STEPS := $(VENV)/cpu_seconds
 STEP = $(BIN)/python scripts/cpu_seconds.py $(STEPS)
-# uv takes seconds where pip takes minutes. What pip is told by its variables holds for uv.
+# uv takes seconds where pip takes minutes. PIP_INDEX_URL and one folder in PIP_FIND_LINKS hold for both.
 UV = $(BIN)/uv pip install --quiet --compile-bytecode --python
 export UV_DEFAULT_INDEX ?= $(PIP_INDEX_URL)
 export UV_FIND_LINKS ?= $(PIP_FIND_LINKS)

@@ -266,11 +266,10 @@ def _regression(axes: Sequence[_Means], kept: Vector) -> tuple[Vector, Matrix]:
 
 def _most_explained(axes: Sequence[_Means], theta: Vector) -> int:
     """The axis on which the errors explain most, in the standard deviations of the file."""
-    return int(
-        np.argmax(
-            [np.square(one.errors @ theta).sum() / np.square(one.errors).sum() for one in axes]
-        )
+    hip, slide = (
+        (np.square(one.errors @ theta).sum(), np.square(one.errors).sum()) for one in axes
     )
+    return int(slide[0] * hip[1] > hip[0] * slide[1])
 
 
 def baseline_of(smooth: BatchEstimates, columns: Columns, frictional: Sequence[bool]) -> Baseline:

@@ -512,7 +512,7 @@ class _BeforeImport(_InForks):
     """Forks before any file of the tests is imported, which then import the mutated module."""
 
     codes = _InForks.codes | {3, 4}
-    """Also: a plugin or a conftest.py cannot be imported."""
+    """Also an internal error and a wrong use: a plugin or a conftest.py cannot be imported."""
 
     def __init__(self, undecided: Iterable[Judged], report: Callable[[Judged], None]) -> None:
         super().__init__(report)

@@ -13,9 +13,12 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from daemon.config.settings import Table
-from observer.baseline import Baseline
+from observer.baseline import THETA_MAX, Baseline
 
-Errors = Annotated[tuple[Annotated[float, Meta(ge=-100, le=100)], ...], Meta(min_length=1)]
+Errors = Annotated[
+    tuple[Annotated[float, Meta(ge=-THETA_MAX, le=THETA_MAX)], ...], Meta(min_length=1)
+]
+Row = Annotated[tuple[Annotated[float, Meta(ge=-100, le=100)], ...], Meta(min_length=1)]
 Kept = Annotated[float, Meta(ge=1e-3, le=1000)]
 
 HEAD: Final = """\
@@ -52,7 +55,7 @@ class BaselineFile(Table, frozen=True):
     slide: SlideKept
     theta: Errors
     """Error of each parameter, in its standard deviations."""
-    covariance: tuple[Errors, ...]
+    covariance: tuple[Row, ...]
     """Covariance of these errors, row by row."""
 
 

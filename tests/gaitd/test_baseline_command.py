@@ -90,6 +90,21 @@ def test_a_recording_with_too_few_strides_is_refused(recorded, tmp_path):
     assert not out.exists()
 
 
+def test_a_push_that_no_plausible_error_of_the_file_explains_is_refused(recorded, tmp_path):
+    columns = np.loadtxt(recorded, delimiter=",", skiprows=1)
+    columns[:, 4] -= 60.0
+    header = recorded.read_text().splitlines()[0]
+    pushed, out = tmp_path / "pushed.csv", tmp_path / "b.toml"
+    np.savetxt(pushed, columns, "%.9g", ",", header=header, comments="")
+
+    ran = gaitd("baseline", pushed, "--robot", CONFIGS / "robot.toml", "--output", out)
+
+    assert ran.code == 2
+    assert "the slide asks for an error of " in ran.err
+    assert "at most 4 are plausible: let the patient relax and record again" in ran.err
+    assert not out.exists()
+
+
 @pytest.mark.parametrize(
     "command",
     [

@@ -6,8 +6,9 @@
     end of the gait
 
 What is known fades, and widens in another gait or guidance, on another day, and at other
-temperatures of the drives (`observer/baseline.py`). A homing moves the origin of a position, and
-another drive shows other efforts: after either there is no baseline any more.
+temperatures of the drives (`observer/baseline.py`): from the end of the next stride on. A homing
+moves the origin of a position, and another drive shows other efforts: after either there is no
+baseline any more.
 
 This file makes `Passive`.
 """
@@ -45,7 +46,8 @@ AGE_STEP_S: Final = 20.0
 DAY_S: Final = 4 * 3600.0
 """A training does not last so long: a later one is of another day."""
 TEMPERATURE_CHANGE_MAX_K: Final = 10.0
-"""A motor's torque constant falls by two percent in that, as much as the file states."""
+"""Change of a power stage. Chosen: friction and torque constant follow the motor's temperature,
+which no drive sends."""
 _FINDINGS: Final[Mapping[Unfit, Finding]] = {
     Unfit.FEW_STRIDES: Finding.FEW_STRIDES,
     Unfit.FEW_SAMPLES: Finding.FEW_SAMPLES,
@@ -99,10 +101,12 @@ def _since(leg: Leg, before: Passive, stride: Stride, baseline: Baseline, cycle:
 
 
 def _is_other_temperature(leg: Leg, before: Passive) -> bool:
-    pairs = zip(_temperatures_degc(leg), before.temperatures_degc, strict=True)
-    return any(
-        now is not None and then is not None and abs(now - then) > TEMPERATURE_CHANGE_MAX_K
-        for now, then in pairs
+    """True if a drive is warmer or colder; as before where one does not say it any more."""
+    pairs = list(zip(_temperatures_degc(leg), before.temperatures_degc, strict=True))
+    changes_k = [abs(now - then) for now, then in pairs if now is not None and then is not None]
+    is_lost = any(now is None and then is not None for now, then in pairs)
+    return max(changes_k, default=0.0) > TEMPERATURE_CHANGE_MAX_K or (
+        is_lost and before.since.other_day
     )
 
 
@@ -121,8 +125,8 @@ def with_drives(leg: Leg, serial_numbers: Sequence[int]) -> Passive:
     cannot be told from another; before the first bring-up no drive is known.
     """
     pairs = zip(leg.axes, serial_numbers, strict=True)
-    is_other = any(axis.serial_number not in {0, found} for axis, found in pairs)
-    return Passive() if is_other else leg.passive
+    is_replaced = any(axis.serial_number not in {0, found} for axis, found in pairs)
+    return Passive() if is_replaced else leg.passive
 
 
 def news(leg: Leg, before: Passive, after: Passive) -> Iterator[Event]:

@@ -225,6 +225,14 @@ def test_other_guidance_is_another_gait_and_another_temperature_another_day(now,
     np.testing.assert_array_equal(found.known.kept_std, known(TAKEN, expected).kept_std)
 
 
+def test_a_drive_that_was_warmer_is_so_until_it_says_otherwise():
+    taken = advance(leg_with(None), Passive(strides=Strides(MINUTE_S)), Mode.GAIT, 100)
+    warm = advance(leg_with(temperatures_degc=(30.0, 55.0)), taken, Mode.GAIT, 500)
+
+    assert advance(leg_with(temperatures_degc=(30.0, None)), warm, Mode.GAIT, 600) is warm
+    assert advance(leg_with(), warm, Mode.GAIT, 600).since == Since()
+
+
 def test_a_drive_whose_temperature_was_not_known_is_not_compared():
     unknown = leg_with(None, temperatures_degc=(None, "no answer yet"))
     taken = advance(unknown, Passive(strides=Strides(MINUTE_S)), Mode.GAIT, 100)
