@@ -103,11 +103,12 @@ def _since(leg: Leg, before: Passive, stride: Stride, baseline: Baseline, cycle:
 def _is_other_temperature(leg: Leg, before: Passive) -> bool:
     """True if a drive is warmer or colder; as before where one does not say it any more."""
     pairs = list(zip(_temperatures_degc(leg), before.temperatures_degc, strict=True))
-    changes_k = [abs(now - then) for now, then in pairs if now is not None and then is not None]
-    is_lost = any(now is None and then is not None for now, then in pairs)
-    return max(changes_k, default=0.0) > TEMPERATURE_CHANGE_MAX_K or (
-        is_lost and before.since.other_day
+    is_changed = any(
+        now is not None and then is not None and abs(now - then) > TEMPERATURE_CHANGE_MAX_K
+        for now, then in pairs
     )
+    is_lost = any(now is None and then is not None for now, then in pairs)
+    return is_changed or (is_lost and before.since.other_day)
 
 
 def _temperatures_degc(leg: Leg) -> tuple[float | None, float | None]:

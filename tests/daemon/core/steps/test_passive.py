@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from daemon.core.slices import Estimated, Passive
 from daemon.core.steps import passive
-from daemon.core.steps.passive import AGE_STEP_S, DAY_S, MINUTE_S, advance, begun, from_file, news
+from daemon.core.steps.passive import AGE_STEP_S, MINUTE_S, advance, begun, from_file, news
 from daemon.ipc.report import Event
 from observer.baseline import (
     FADE_S,
@@ -208,6 +208,7 @@ def test_what_is_known_is_computed_anew_in_another_gait_and_as_it_fades_and_only
         ({"guidance_ratio": 0.7}, Since(other_gait=True)),
         ({"guidance_ratio": 0.9}, Since(other_gait=True)),
         ({"temperatures_degc": (40.0, 50.0)}, Since()),
+        ({"temperatures_degc": (20.0, 30.0)}, Since()),
         ({"temperatures_degc": (40.1, 40.0)}, Since(other_day=True)),
         ({"temperatures_degc": (30.0, 29.9)}, Since(other_day=True)),
         ({"temperatures_degc": (None, 45.0)}, Since()),
@@ -243,10 +244,11 @@ def test_a_drive_whose_temperature_was_not_known_is_not_compared():
 
 def test_four_hours_later_it_is_another_day():
     taken = advance(leg_with(None), Passive(strides=Strides(MINUTE_S)), Mode.GAIT, 100)
-    next_cycle = 100 + round(DAY_S / 0.01)
+    next_cycle = 100 + 4 * 3600 * 100
 
     assert not advance(leg_with(), taken, Mode.GAIT, next_cycle - 1).since.other_day
-    assert advance(leg_with(), taken, Mode.GAIT, next_cycle).since == Since(FADE_S, other_day=True)
+    for cycle in (next_cycle, 2 * next_cycle):
+        assert advance(leg_with(), taken, Mode.GAIT, cycle).since == Since(FADE_S, other_day=True)
 
 
 def test_a_baseline_from_a_file_is_of_another_day_and_stays_so():
