@@ -170,7 +170,7 @@ def accept_other(program, rest):
         assert path.startswith("/") or (PROJECT / path).exists(), f"{path} does not exist"
 
 
-def test_there_are_commands():
+def test_the_pages_have_more_than_eighty_commands():
     assert len([command for page in PAGES for command in commands(page)]) > 80
 
 

@@ -122,7 +122,7 @@ def test_durand_s_aborts_carry_their_code(bench):
     assert caught.value.code == 0x06010002
 
 
-def test_segmented_transfers_work_too(bench):
+def test_a_text_longer_than_four_bytes_is_transferred_in_segments(bench):
     slaves, bus, clock = bench
     name = b"a name that is longer than four bytes"
     slaves[0].dictionary[0x2F00] = Variable(DatatypeEnum.VISIBLE_STRING, "rw", b"")

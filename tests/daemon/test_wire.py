@@ -93,7 +93,7 @@ def test_a_refusal_of_another_version_keeps_its_code_and_loses_values_without_na
     assert named == {"request": "mode", "mode": "gait", "refusal": "of_a_later_version"}
 
 
-def test_an_activity_looks_like_this():
+def test_an_activity_is_this_json():
     hip = wire.AxisActivity(
         validity="ok",
         patient=8.5,
@@ -142,7 +142,7 @@ def test_an_activity_looks_like_this():
     )
 
 
-def test_a_friction_looks_like_this():
+def test_a_friction_is_this_json():
     hip = wire.AxisFriction(
         validity="ok", friction=2.5, friction_std=0.5, drift_correlation=-0.5, friction_error=0.25
     )

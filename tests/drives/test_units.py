@@ -359,7 +359,7 @@ def test_an_offset_is_the_position_at_count_zero(sign):
     assert effort_to_permille(PER_NM, s) == sign * 200
 
 
-def test_limits_are_these_integers():
+def test_limits_are_written_as_integers_of_the_drive_s_units():
     other_way = RAW._replace(position_min_counts=1000, position_max_counts=5000)
 
     assert raw_limits(LIMITS, by_hand()) == RAW

@@ -22,7 +22,7 @@ def test_expm1_is_exact_to_two_last_places_over_three_hundred_magnitudes():
 
 
 @pytest.mark.parametrize(("x", "value"), [(0.0, 0.0), (-1e6, -1.0), (-1e300, -1.0)])
-def test_expm1_at_its_ends(x, value):
+def test_expm1_is_exact_at_its_ends(x, value):
     assert expm1_of_negative(x) == value
 
 

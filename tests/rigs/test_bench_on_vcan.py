@@ -63,7 +63,7 @@ def test_both_walk_and_the_virtual_leg_goes_with_the_motor_of_the_bench(vcan_wor
     assert np.abs(slides).max() < 1e-3
 
 
-def test_a_stop_is_of_both(vcan_world):
+def test_a_stop_stops_the_real_and_the_virtual_drive(vcan_world):
     kept = vcan_world.records("bench")
     stopped = kept[-1]
 

@@ -109,7 +109,7 @@ def decided(now):
 
 
 @pytest.mark.parametrize(("now", "wanted"), ROWS, ids=[f"{now.mode}" for now, _ in ROWS])
-def test_each_row(now, wanted):
+def test_what_a_button_does_follows_from_mode_and_reason(now, wanted):
     assert decided(now) == wanted
     assert [one.does is None for one in controls(now)] == sorted(
         one.does is None for one in controls(now)

@@ -33,7 +33,7 @@ SILENT = NotValid("right/slide", next(iter(Trouble)), "no message")
         ((drive("fault"), drive("ready_to_switch_on")), Drives(False, False, True)),
     ],
 )
-def test_each_row(messages, wanted):
+def test_what_a_drive_is_shown_to_be_follows_from_its_messages(messages, wanted):
     assert together(messages) == wanted
 
 

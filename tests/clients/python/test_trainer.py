@@ -249,5 +249,5 @@ def test_an_endpoint_on_which_no_service_can_listen_is_refused_at_once(endpoint)
 
 
 @pytest.mark.parametrize("endpoint", ["tls/[::1]:7447", "unixsock-stream//run/gaitd/zenoh.sock"])
-def test_other_endpoints_are_not(endpoint):
+def test_any_other_endpoint_is_taken_as_it_is(endpoint):
     assert Trainer(endpoint).target.endpoints == (endpoint,)

@@ -32,7 +32,7 @@ def test_fewer_wild_strides_than_half_leave_the_band_among_the_others(shares, wi
     assert 0.25 <= after - GOAL.challenge_ratio <= 0.35
 
 
-def test_equation_1_in_numbers():
+def test_the_middle_of_the_band_follows_equation_1():
     def after(middle, share, count=5, *, is_first=False):
         return next_middle(middle, [share] * count, GOAL, is_first=is_first)
 

@@ -129,7 +129,7 @@ def test_a_new_profile_that_contradicts_itself_is_not_written(tmp_path):
     assert "goal.share_max_ratio = 0.2: at least goal.share_min_ratio" in ended.err
 
 
-def test_summary_export_and_erase_of_one_profile(tmp_path):
+def test_one_profile_is_summed_up_exported_and_erased(tmp_path):
     file = tmp_path / "her.toml"
     file.write_text(PROFILE)
     history = tmp_path / "history.sqlite"

@@ -51,7 +51,7 @@ def replace_fields(struct, **changes):
 
 @pytest.mark.parametrize("role", Role)
 @pytest.mark.parametrize("kind", sorted(EVERY_KIND))
-def test_requests_without_a_mode(role, kind):
+def test_a_role_may_request_what_its_row_names_and_nothing_else(role, kind):
     refused = refusal(Request(1, kind, role=role), ALL_WELL)
 
     may_not = Refusal(RefusalCode.ROLE_MAY_NOT, values=(role, kind))
@@ -60,7 +60,7 @@ def test_requests_without_a_mode(role, kind):
 
 @pytest.mark.parametrize("role", Role)
 @pytest.mark.parametrize("mode", REQUESTABLE)
-def test_requests_of_a_mode(role, mode):
+def test_a_role_may_request_the_modes_of_its_row_and_no_other(role, mode):
     request = Request(1, RequestKind.MODE, mode=ModeRequest(mode), role=role, plan=PLAN)
 
     may_not = Refusal(RefusalCode.ROLE_MAY_NOT_MODE, values=(role, mode))

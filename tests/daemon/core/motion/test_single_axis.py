@@ -208,7 +208,7 @@ A = AxisStep
         ),
     ],
 )
-def test_a_homing_in_each_cycle(before, shown, after):
+def test_a_homing_goes_on_by_what_a_cycle_shows(before, shown, after):
     assert not Homing.begin(start()).begun
     now = replace(Homing.begin(start()), **before)
 
@@ -290,7 +290,7 @@ def test_a_homing_in_each_cycle(before, shown, after):
         ({"step": A.WAITING}, {}, {}),
     ],
 )
-def test_a_sign_test_in_each_cycle(before, shown, after):
+def test_a_sign_test_goes_on_by_what_a_cycle_shows(before, shown, after):
     now = replace(SignTest.begin(start()), **before)
 
     later = now.advance(RESTS._replace(**shown))

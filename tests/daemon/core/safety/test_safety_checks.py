@@ -205,7 +205,7 @@ def test_what_a_joint_does_is_told_with_value_limit_and_unit(change, expected):
     assert got[4] == finding
 
 
-def test_the_rest_is_told_too():
+def test_each_other_cause_is_told_with_its_value_and_its_limit():
     tracking = replace(AXIS, tracking_si=-0.25)
     unreferenced = replace(AXIS, referenced=False)
     unasked = replace(AXIS, enable_wanted=False, unexpected_enable_cycles=26)

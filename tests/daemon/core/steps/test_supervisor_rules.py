@@ -425,7 +425,9 @@ def test_a_verdict_before_the_drives_are_up_changes_no_mode(bench, mode):
         (ENABLED, (ON, ON), False, [DISABLE, DISABLE]),
     ],
 )
-def test_the_first_step_of_each_axis(bench, verdict, shown, alone, steps):
+def test_a_stop_begins_on_each_axis_with_the_step_that_its_power_allows(
+    bench, verdict, shown, alone, steps
+):
     core = bench.core
     core.single_axis = Run() if alone else None
     for axis, state in zip(core.axes, shown, strict=True):
@@ -566,7 +568,9 @@ RESTING_CAUSES = dict.fromkeys(sorted(LOST_DRIVE), Mode.OFF) | {
 
 @pytest.mark.parametrize("resetting", [0, 1])
 @pytest.mark.parametrize("cause", RESTING_CAUSES)
-def test_a_verdict_in_ready(ready, cause, resetting):
+def test_a_verdict_at_rest_switches_off_or_to_fault_unless_a_reset_is_under_way(
+    ready, cause, resetting
+):
     core, mode = ready.core, RESTING_CAUSES[cause]
     core.single_axis, drives = Run(), core.drives
     core.reset_cycles_left = resetting
