@@ -214,7 +214,7 @@ class PassiveStrides:
             kept = np.maximum(KEPT_MIN, left)
             theta, covariance = _regression(axes, kept)
         largest = float(np.abs(theta).max(initial=0.0))
-        if largest > THETA_MAX:
+        if not largest <= THETA_MAX:  # also where it is no number
             raise NotPassiveError(
                 Unfit.IMPLAUSIBLE, _most_explained(axes, theta), largest, THETA_MAX
             )

@@ -174,6 +174,17 @@ def test_a_push_that_only_an_error_far_from_the_file_explains_gives_no_baseline(
     assert found.value > THETA_MAX
 
 
+def test_an_estimate_that_is_no_number_gives_no_baseline():
+    columns, _ = played(MACHINES["as its file"], 36, MINUTE_HZ)
+    smooth = run_smoothed(SETUP, columns)
+    smooth.state[2000, 6] = np.nan
+
+    with pytest.raises(NotPassiveError) as refused:
+        baseline_of(smooth, columns, FRICTIONAL)
+
+    assert refused.value.why is Unfit.IMPLAUSIBLE
+
+
 def test_too_few_strides_and_an_axis_that_is_hardly_known_give_no_baseline():
     columns, _ = played(MACHINES["as its file"], 36, MINUTE_HZ)
     smooth = run_smoothed(SETUP, columns)
