@@ -30,6 +30,7 @@ from analysis.calibration.process_noise import (
     with_process_noise,
 )
 from analysis.calibration.quantities import (
+    AXES,
     CANDIDATES,
     COUNT,
     KEYS,
@@ -122,7 +123,7 @@ class Calibration:
     """Score of the law that was fitted to the same rows and is not used; None if the file has
     bristles, with which alone it is calibrated."""
     why_eq_11: str
-    """Why bristles are not used; empty if they are, or were not tried."""
+    """Why an axis that moved gets no bristles; empty if both have them."""
 
     @property
     def refused(self) -> str:
@@ -275,6 +276,10 @@ def calibrate(
     bristled = bool(given) and not why_eq_11
     if not bristled:
         made, tuning = fitted, {}
+    behind_gap = " and ".join(AXES[axis] for axis in moved if axis in loose)
+    if behind_gap:
+        untried = f"{behind_gap} has backlash, behind which they are not tried"
+        why_eq_11 = f"{why_eq_11}; {untried}" if why_eq_11 else untried
     used = 2 if bristled else 1
     new, before, after = laws[used].robot, scores[0], scores[used]
     if steep := _too_steep(new):

@@ -124,8 +124,6 @@ def test_acceptance_reads_the_drives_of_a_running_service_and_moves_nothing_if_o
     service, tmp_path
 ):
     """Its motions are those of tests/gaitd/commissioning, and at night those of the test above."""
-    service.wait(lambda: service.ask("reset").code == 0, 20)
-    service.until(lambda record: record.mode == Mode.READY)
     with service.listener() as bus:
         bus.send(can.Message(arbitration_id=SLIDE_SDO, data=NO_RAMP, is_extended_id=False))
         assert next(one for one in iter(bus.recv, None) if one.arbitration_id == SLIDE_ANSWER)
