@@ -1,9 +1,10 @@
-"""Tests that begin with the same warm session are run by the same worker of pytest-xdist.
+"""Tests that share what is made once are run by the same worker of pytest-xdist.
 
-A warm session (`tests/support/forked.py`) or a running service is made once in each worker that
-needs it; all those of the closed loop cost more than 30 CPU-seconds. `worksteal` gives each worker
-a run of the items, and a worker without work takes from the end of another one's. So the tests of a
-folder that share one come first in a worker's run, and all others after them. A plugin of pytest.
+A warm session (`tests/support/forked.py`), a running service or a fixture of a module is made once
+in each worker that needs it. `worksteal` gives each worker a run of the items, and a worker without
+work takes from the end of another one's. So tests that share one come first in a worker's run, and
+all others after them: all those of the closed loop cost more than 30 CPU-seconds, those of modules
+60. A plugin of pytest.
 """
 
 from collections import defaultdict
@@ -28,7 +29,8 @@ def ordered(items: list[pytest.Item], count: int) -> list[pytest.Item]:
     groups: dict[str, list[pytest.Item]] = defaultdict(list)
     others: list[pytest.Item] = []
     for item in items:
-        (groups[group_of(item.nodeid)] if shares(item) else others).append(item)
+        shared = shared_by(item)
+        (groups[shared] if shared else others).append(item)
     heads: list[list[pytest.Item]] = [[] for _ in range(count)]
     for group in sorted(groups.values(), key=len, reverse=True):
         min(heads, key=len).extend(group)
@@ -41,7 +43,12 @@ def ordered(items: list[pytest.Item], count: int) -> list[pytest.Item]:
     return in_order
 
 
-def shares(item: pytest.Item) -> bool:
-    """Return whether it begins with a warm session or the running service."""
-    names = getattr(item, "fixturenames", ())
-    return any(name.startswith(PREFIX) or name == SERVICE for name in names)
+def shared_by(item: pytest.Item) -> str:
+    """The folder of a warm session or a running service, or the file of a fixture; or nothing."""
+    if not isinstance(item, pytest.Function):
+        return ""
+    if any(name.startswith(PREFIX) or name == SERVICE for name in item.fixturenames):
+        return group_of(item.nodeid)
+    made = item._fixtureinfo.name2fixturedefs
+    is_shared = any(made[name][-1].scope == "module" for name in item.fixturenames if name in made)
+    return item.nodeid.partition("::")[0] if is_shared else ""
