@@ -1,7 +1,9 @@
 """Limits that only motion shows: each is found, and none without a reason."""
 
 import itertools
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from gaitd_names import Cause, Mode, RequestKind
 from sessions import (
@@ -15,6 +17,7 @@ from daemon.core.period import PERIOD_S
 from daemon.core.steps import monitors
 from daemon.ipc.record import ModeRequest
 from observer.filter.status import Status, Validity
+from observer.mechanism.mechanism import singularity_ratio
 
 STUCK = {Cause.ENCODER_FROZEN, Cause.TRACKING_LIMIT, Cause.OBSERVER_INVALID}
 HELD = (Mode.HOLD, Cause.NONE)
@@ -112,6 +115,23 @@ def test_a_gait_stops_in_the_cycle_that_shows_a_value_beyond_a_limit(warm_fast_g
 
     verdict = session.record.verdict
     assert (verdict.cause, verdict.drive) == (cause, "right/hip")
+
+
+def test_a_gait_stops_in_the_cycle_that_shows_a_leg_nearer_to_its_singularity_than_allowed(
+    warm_fast_gait,
+):
+    session = warm_fast_gait
+    core, leg = session.core, session.core.legs[0]
+    now = singularity_ratio(
+        leg.parameters, np.array([axis.sensed.joint.position_si for axis in leg.axes])
+    )
+
+    thresholds = core.config.thresholds._replace(singularity_stop_ratio=1.05 * now)
+    core.config = replace(core.config, thresholds=thresholds)
+    session.run(PERIOD_S)
+
+    verdict = session.record.verdict
+    assert (verdict.cause, verdict.drive) == (Cause.SINGULARITY, "right")
 
 
 def test_more_energy_in_a_stride_than_allowed_stops(warm_fast_gait):

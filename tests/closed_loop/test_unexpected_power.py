@@ -16,6 +16,7 @@ from wire import SYNC, change_what_drives_hear, change_what_drives_say
 from daemon.core.safety.stop_sequence import Step
 from drives.canopen.frame import Frame
 from drives.signals import PowerState
+from gaitd_lab.lockstep import LockstepSession
 
 HIP = 5
 NMT_STOP = bytes((0x02, HIP))
@@ -165,6 +166,24 @@ def test_drives_that_our_own_stop_holds_are_left_as_they_are_also_by_the_next_co
     world = session.machine.world
     for name in world.drives:
         assert world.node(name).dictionary.value(0x6041, 0) & 0x6F == QUICK_STOP_ACTIVE
+
+
+def test_drives_that_hold_for_a_reason_that_no_core_knows_hold_until_a_reset(warm_generic_hold):
+    """The notebook of the core that stopped them is lost."""
+    session = warm_generic_hold
+    session.command("hand_switch_open * 0.3")
+    session.run(1.0)
+    again = LockstepSession(session.settings, session.machine)
+    found = again.run_until(lambda record: record.mode == Mode.FAULT, within_s=1)
+
+    verdict = (found.verdict.cause, found.verdict.drive, found.verdict.value)
+    assert verdict == (Cause.DRIVE_POWERED, "right/hip", PowerState.QUICK_STOP_ACTIVE)
+    again.run(1.0)
+    world = session.machine.world
+    for name in world.drives:
+        assert world.node(name).dictionary.value(0x6041, 0) & 0x6F == QUICK_STOP_ACTIVE
+    assert again.request(RequestKind.RESET).outcome == Outcome.DONE
+    again.until(Mode.READY)
 
 
 def test_a_drive_that_is_enabled_while_the_service_still_starts_is_stopped_in_its_first_cycle():
