@@ -61,7 +61,7 @@ def test_a_patient_who_gives_more_than_the_need_walks_on(warm_strong):
 def test_a_person_is_the_cause_where_the_response_is_unclear_and_both_axes_are_held():
     session = walking(2.5)
 
-    verdict = stops(session, within_s=8.0)
+    verdict = stops(session, within_s=4.5)
     session.run(0.2)
 
     assert (verdict.cause, verdict.drive) == (Cause.MOVED_AGAINST_DRIVE, SLIDE)
