@@ -73,7 +73,7 @@ from observer.filter.status import (
     Status,
     Validity,
 )
-from observer.filter.surprise import compliance_shown, follow_surprise
+from observer.filter.surprise import doubt_of_stiffness, follow_surprise
 from observer.filter.transmission import hide
 from observer.filter.validity import determine, mark_split_unknown
 from observer.jit import fixed_tuple, inline, kernel
@@ -345,8 +345,8 @@ def _hide(model: LegModel, options: Options, unsure: bool, m: LegMemory, dt_s: f
     stated = options.compliance_hip, options.compliance_slide
     backlash = options.backlash_hip, options.backlash_slide
     if unsure:
-        shown = compliance_shown(m, 0), compliance_shown(m, 1)
-        hide(model, stated, shown, backlash, m, dt_s)
+        doubt = doubt_of_stiffness(m, 0), doubt_of_stiffness(m, 1)
+        hide(model, stated, doubt, backlash, m, dt_s)
     elif stated[0] + stated[1] + backlash[0] + backlash[1] > 0.0:
         hide(model, stated, (0.0, 0.0), backlash, m, dt_s)
 

@@ -91,6 +91,8 @@ class LegMemory(Protocol):
     hidden_friction: Pair
     """Variances of friction and net that the transmission hides."""
     hidden_net: Pair
+    usual_friction: Pair
+    """Mean of friction over a tenth of a second (transmission.py)."""
     surprise: Pair
     """Mean square of each axis' whitened innovations (surprise.py)."""
     onward_s: Pair
@@ -159,6 +161,8 @@ START_STD: Final = (1e-3, 1e-3, 1e-2, 1e-2, 3.0, 30.0, 1.0, 10.0)
 """Initial standard deviations at rest at a measured pose."""
 RESTART_STD: Final = (1e-3, 1e-3, 1.0, 1.0, 10.0, 100.0, 10.0, 100.0)
 """Initial standard deviations for a pose that may be moving."""
+MISFIT_FULL: Final = 1.3
+"""Misfit from which on a transmission may be soft (surprise.py)."""
 
 
 def new_memory() -> tuple[Any, Vector]:
@@ -187,10 +191,13 @@ def may_start(leg: LegParameters, hip: float, slide: float) -> bool:
 
 @inline
 def start(m: LegMemory, hip: float, slide: float) -> None:
-    """Start at rest at the measured pose, with a long rest of both axes assumed."""
+    """Start at rest at the measured pose, with a long rest of both axes assumed.
+
+    A transmission may be soft until motion has shown that it is not.
+    """
     _begin(m, hip, slide, START_STD, 2.0 * REST_MAX_S, False)
     m.distrust_cycles = 0.0
-    m.misfit[0] = m.misfit[1] = 1.0
+    m.misfit[0] = m.misfit[1] = MISFIT_FULL
 
 
 @inline
@@ -222,6 +229,7 @@ def _begin(
         m.patient_rate[axis] = 0.0
         m.followed_effort[axis], m.followed_rate[axis] = m.efforts[0, axis], 0.0
         m.hidden_error[axis] = m.hidden_friction[axis] = m.hidden_net[axis] = 0.0
+        m.usual_friction[axis] = m.mean[4 + axis]
         m.surprise[axis] = m.corrected[axis] = m.shown_net[axis] = m.onward_s[axis] = 0.0
     for k in range(VARIANTS_MAX):
         for i in range(N + 2):

@@ -13,9 +13,10 @@ Such a drive has the friction of its joint wrong for longer: until it is wound u
 after a reversal, which the innovations of that moment do not show. But their mean square over
 MISFIT_S is too large for white ones, in motion away from reversals, where a wrong friction level
 leaves them white. From MISFIT_MAX on, and in full from MISFIT_FULL on, sigma of friction, and so of
-the patient, is that of a transmission with LIKELY_COMPLIANCE (`transmission.py`), if the file
-states a stiffer one; net has what is shown already. A drive that is much softer gives way so slowly
-that it looks like a patient.
+the patient, is that of a transmission with a likely compliance (`transmission.py`), if the file
+states a stiffer one; net has what is shown already. So it is at the start as well, until a second
+or two of motion have shown that the transmission is stiff. A drive that is much softer gives way so
+slowly that it looks like a patient.
 
 A patient who begins to push surprises the filter as well: sigma is larger for as long, and after a
 hard push for some seconds of motion. It is larger, too, where the file states less noise of an
@@ -27,7 +28,7 @@ all of sigma. Without parameters that are not sure it is 0.
 import math
 from typing import Final
 
-from observer.filter.leg_memory import LegMemory
+from observer.filter.leg_memory import MISFIT_FULL, LegMemory
 from observer.jit import inline
 
 WINDOW_S: Final = 0.1
@@ -38,11 +39,6 @@ ONWARD_MIN_S: Final = 0.2
 MISFIT_S: Final = 3.0
 MISFIT_MAX: Final = 1.2
 """The mean square of 600 white innovations, which is what MISFIT_S weighs, plus 3.5 sigma."""
-MISFIT_FULL: Final = 1.4
-LIKELY_COMPLIANCE: Final = (2e-3, 0.0)
-"""rad/(N m) and m/N: 500 N m/rad is about the softest that innovations show. None at the slide:
-what would hold the error of a soft one makes sigma of a recorded stiff one several times its
-error."""
 
 
 @inline
@@ -74,7 +70,6 @@ def _follow_way(m: LegMemory, axis: int, dt_s: float) -> float:
 
 
 @inline
-def compliance_shown(m: LegMemory, axis: int) -> float:
-    """Compliance that the misfit so far makes likely, rad/(N m) or m/N."""
-    shown = (m.misfit[axis] - MISFIT_MAX) / (MISFIT_FULL - MISFIT_MAX)
-    return min(max(shown, 0.0), 1.0) * LIKELY_COMPLIANCE[axis]
+def doubt_of_stiffness(m: LegMemory, axis: int) -> float:
+    """Share of a likely compliance (`transmission.py`) that the misfit so far allows, 0 to 1."""
+    return min(max((m.misfit[axis] - MISFIT_MAX) / (MISFIT_FULL - MISFIT_MAX), 0.0), 1.0)
