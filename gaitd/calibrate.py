@@ -186,6 +186,7 @@ def _calibrate(
             "bristles": made.bristled,
             "other_law": made.other_law,
             "why_eq_11": made.why_eq_11,
+            "behind_gap": made.behind_gap,
         }
     )
 
@@ -205,6 +206,8 @@ def _report(made: "Calibration") -> None:
     print(f"mechanism    {made.check}")
     if made.why_eq_11:
         print(f"law          bristles are not used: {made.why_eq_11}")
+    for name in made.behind_gap:
+        print(f"law          at the {name} no bristles are tried: it has backlash")
     for line in (*advice(made.motion, made.fit.results), *made.too_slow):
         print(f"to do        {line}")
     if len(made.contact_s):

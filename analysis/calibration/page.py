@@ -55,6 +55,8 @@ def _parts(calibration: Calibration, robot_name: str) -> Iterator[str]:
     yield f"Mechanism as fitted: {calibration.check}."
     if calibration.why_eq_11:
         yield f"Bristles are not used: {calibration.why_eq_11}."
+    for name in calibration.behind_gap:
+        yield f"At the {name} no bristles are tried: it has backlash."
     values, scores = tables(calibration)
     yield markdown.table(values[1], values[2])
     todo = [*advice(calibration.motion, calibration.fit.results), *calibration.too_slow]

@@ -123,7 +123,9 @@ class Calibration:
     """Score of the law that was fitted to the same rows and is not used; None if the file has
     bristles, with which alone it is calibrated."""
     why_eq_11: str
-    """Why an axis that moved gets no bristles; empty if both have them."""
+    """Why bristles are not used; empty if they are, or were not tried."""
+    behind_gap: tuple[str, ...]
+    """Axes that moved and have backlash, behind which no bristles are tried."""
 
     @property
     def refused(self) -> str:
@@ -276,10 +278,6 @@ def calibrate(
     bristled = bool(given) and not why_eq_11
     if not bristled:
         made, tuning = fitted, {}
-    behind_gap = " and ".join(AXES[axis] for axis in moved if axis in loose)
-    if behind_gap:
-        untried = f"{behind_gap} has backlash, behind which they are not tried"
-        why_eq_11 = f"{why_eq_11}; {untried}" if why_eq_11 else untried
     used = 2 if bristled else 1
     new, before, after = laws[used].robot, scores[0], scores[used]
     if steep := _too_steep(new):
@@ -316,6 +314,7 @@ def calibrate(
         bristled,
         scores[3 - used] if len(scores) > 2 else None,
         why_eq_11,
+        tuple(AXES[axis] for axis in moved if axis in loose),
     )
 
 

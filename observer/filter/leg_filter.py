@@ -345,10 +345,9 @@ def _hide(model: LegModel, options: Options, unsure: bool, m: LegMemory, dt_s: f
     stated = options.compliance_hip, options.compliance_slide
     backlash = options.backlash_hip, options.backlash_slide
     if unsure:
-        doubt = doubt_of_stiffness(m, 0), doubt_of_stiffness(m, 1)
-        hide(model, stated, doubt, backlash, m, dt_s)
+        hide(model, stated, doubt_of_stiffness(m), backlash, m, dt_s)
     elif stated[0] + stated[1] + backlash[0] + backlash[1] > 0.0:
-        hide(model, stated, (0.0, 0.0), backlash, m, dt_s)
+        hide(model, stated, 0.0, backlash, m, dt_s)
 
 
 @inline

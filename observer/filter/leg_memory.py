@@ -162,7 +162,8 @@ START_STD: Final = (1e-3, 1e-3, 1e-2, 1e-2, 3.0, 30.0, 1.0, 10.0)
 RESTART_STD: Final = (1e-3, 1e-3, 1.0, 1.0, 10.0, 100.0, 10.0, 100.0)
 """Initial standard deviations for a pose that may be moving."""
 MISFIT_FULL: Final = 1.3
-"""Misfit from which on a transmission may be soft (surprise.py)."""
+"""Misfit from which on the stiffness of a transmission is in full doubt, as it is at first
+(surprise.py): a stiff one shows less, and one of 800 N m/rad shows more in most strides."""
 
 
 def new_memory() -> tuple[Any, Vector]:
@@ -193,11 +194,12 @@ def may_start(leg: LegParameters, hip: float, slide: float) -> bool:
 def start(m: LegMemory, hip: float, slide: float) -> None:
     """Start at rest at the measured pose, with a long rest of both axes assumed.
 
-    A transmission may be soft until motion has shown that it is not.
+    What earlier motion has shown of the transmissions is kept: it is the machine's.
     """
+    if m.started == 0.0:
+        m.misfit[0] = m.misfit[1] = MISFIT_FULL
     _begin(m, hip, slide, START_STD, 2.0 * REST_MAX_S, False)
     m.distrust_cycles = 0.0
-    m.misfit[0] = m.misfit[1] = MISFIT_FULL
 
 
 @inline

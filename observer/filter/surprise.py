@@ -13,10 +13,10 @@ Such a drive has the friction of its joint wrong for longer: until it is wound u
 after a reversal, which the innovations of that moment do not show. But their mean square over
 MISFIT_S is too large for white ones, in motion away from reversals, where a wrong friction level
 leaves them white. From MISFIT_MAX on, and in full from MISFIT_FULL on, sigma of friction, and so of
-the patient, is that of a transmission with a likely compliance (`transmission.py`), if the file
-states a stiffer one; net has what is shown already. So it is at the start as well, until a second
-or two of motion have shown that the transmission is stiff. A drive that is much softer gives way so
-slowly that it looks like a patient.
+the patient, is that of a hip's transmission with a likely compliance (`transmission.py`), if the
+file states a stiffer one; net has what is shown already. So it is at first as well, until one to
+three seconds of such motion have shown that the transmission is stiff. A drive that is much softer
+gives way so slowly that it looks like a patient.
 
 A patient who begins to push surprises the filter as well: sigma is larger for as long, and after a
 hard push for some seconds of motion. It is larger, too, where the file states less noise of an
@@ -70,6 +70,6 @@ def _follow_way(m: LegMemory, axis: int, dt_s: float) -> float:
 
 
 @inline
-def doubt_of_stiffness(m: LegMemory, axis: int) -> float:
-    """Share of a likely compliance (`transmission.py`) that the misfit so far allows, 0 to 1."""
-    return min(max((m.misfit[axis] - MISFIT_MAX) / (MISFIT_FULL - MISFIT_MAX), 0.0), 1.0)
+def doubt_of_stiffness(m: LegMemory) -> float:
+    """Share of the hip's likely compliance (`transmission.py`) that its misfit allows, 0 to 1."""
+    return min(max((m.misfit[0] - MISFIT_MAX) / (MISFIT_FULL - MISFIT_MAX), 0.0), 1.0)

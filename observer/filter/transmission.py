@@ -21,9 +21,9 @@ The derivatives are those of the effort behind a critically damped low-pass of s
 lags about as much as the filter does. An axis with bristles has no e: its bristles give way like
 the transmission, and are fitted with it.
 
-Where the file calls a transmission stiff and nothing shows yet that it is (`surprise.py`), friction
-has the error of LIKELY_COMPLIANCE. The joint may turn later than that as well, because the shaft
-swings: so friction is also as little known as it has just changed.
+Where the file calls the hip's transmission stiffer than LIKELY_COMPLIANCE and motion does not show
+it (`surprise.py`), friction has the error of that. The shaft swings, so the joint may turn even
+later: the variance is at least the square of what friction has just changed, times what is doubted.
 
 As with the friction law (`friction.law_variance`) nothing but what is published reads this.
 """
@@ -40,8 +40,8 @@ from observer.mechanism.linkage import accelerations, dynamics, efforts
 FOLLOWED_S: Final = 0.02
 """Time constant of the low-pass, twice."""
 ENVELOPE_S: Final = 0.1
-LIKELY_COMPLIANCE: Final = (2e-3, 0.0)
-"""rad/(N m) and m/N: 500 N m/rad is about the softest that innovations show. None at the slide:
+LIKELY_COMPLIANCE: Final = 2e-3
+"""rad/(N m), of the hip: 500 N m/rad is about the softest that innovations show. None at the slide:
 what would hold the error of a soft one makes sigma of a recorded stiff one several times its
 error."""
 GAP_EFFORT: Final = (0.5, 5.0)
@@ -52,7 +52,7 @@ GAP_EFFORT: Final = (0.5, 5.0)
 def hide(
     model: LegModel,
     compliance: tuple[float, float],
-    doubt: tuple[float, float],
+    doubt: float,
     backlash: tuple[float, float],
     m: LegMemory,
     dt_s: float,
@@ -62,7 +62,7 @@ def hide(
     Args:
         model: the physics of the filter.
         compliance: of the file, rad/(N m) and m/N.
-        doubt: share of a likely compliance, 0 to 1: for friction alone, if it is larger.
+        doubt: share of a likely compliance of the hip, 0 to 1: for friction alone, if it is larger.
         backlash: rad and m.
         m: after the step and its correction; written.
         dt_s: the step.
@@ -70,13 +70,12 @@ def hide(
     v1, v2 = m.mean[2], m.mean[3]
     hip, slide = _follow(m, 0, dt_s), _follow(m, 1, dt_s)
     share = 1.0 - math.exp(-dt_s / ENVELOPE_S)
-    likely_hip, likely_slide = doubt[0] * LIKELY_COMPLIANCE[0], doubt[1] * LIKELY_COMPLIANCE[1]
-    _, rate_hip, _ = _windup(max(compliance[0], likely_hip), backlash[0], GAP_EFFORT[0], hip)
-    _, rate_slide, _ = _windup(max(compliance[1], likely_slide), backlash[1], GAP_EFFORT[1], slide)
-    late_hip = doubt[0] if likely_hip > compliance[0] else 0.0
-    late_slide = doubt[1] if likely_slide > compliance[1] else 0.0
-    _hide_friction(model.hip, m, 0, rate_hip, late_hip, dt_s, share)
-    _hide_friction(model.slide, m, 1, rate_slide, late_slide, dt_s, share)
+    likely = max(doubt * LIKELY_COMPLIANCE, compliance[0])
+    _, rate_hip, _ = _windup(likely, backlash[0], GAP_EFFORT[0], hip)
+    _, rate_slide, _ = _windup(compliance[1], backlash[1], GAP_EFFORT[1], slide)
+    late = (likely - compliance[0]) / LIKELY_COMPLIANCE
+    _hide_friction(model.hip, m, 0, rate_hip, late, dt_s, share)
+    _hide_friction(model.slide, m, 1, rate_slide, 0.0, dt_s, share)
     back_hip, rate_hip, bend_hip = _windup(compliance[0], backlash[0], GAP_EFFORT[0], hip)
     back_slide, rate_slide, bend_slide = _windup(compliance[1], backlash[1], GAP_EFFORT[1], slide)
     own = dynamics(model.leg, m.mean[0], m.mean[1], v1, v2, model.coriolis_share)
@@ -140,7 +139,7 @@ def _hide_friction(
 ) -> None:
     """Follow the joint's friction beside the filter's, and the mean square of their difference.
 
-    It is at least that of friction to its mean over ENVELOPE_S, times `late`.
+    The latter is at least the square of `late` times friction less its mean over ENVELOPE_S.
     """
     if f.bristle_stiffness > 0.0:
         return

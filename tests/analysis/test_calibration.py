@@ -482,7 +482,7 @@ def test_a_loose_slide_gets_its_backlash_and_its_friction():
     made = calibrate([run._replace(recording=seen)], file_off())
 
     assert not made.refused
-    assert made.why_eq_11.endswith("slide has backlash, behind which they are not tried")
+    assert made.behind_gap == ("slide",)
     (backlash,) = (one for one in made.transmission if one.quantity == BACKLASHES[1])
     assert abs(backlash.value - way.backlash_si) <= backlash.half_interval
     for one in made.fit.results[LAW_SIZE:][: OF_LAW_11.stop]:

@@ -52,6 +52,12 @@ def fault(session):
     return session
 
 
+def powers(session):
+    """Power states of the statuswords that the drives hold."""
+    world = session.machine.world
+    return {world.node(name).dictionary.value(0x6041, 0) & 0x6F for name in world.drives}
+
+
 def steps(session):
     return [axis.stop.step for axis in session.core.axes]
 
@@ -163,9 +169,7 @@ def test_drives_that_our_own_stop_holds_are_left_as_they_are_also_by_the_next_co
     assert session.record.verdict.cause == Cause.HAND_SWITCH_OPEN
     assert again.record.mode == Mode.FAULT
     assert again.record.verdict.cause == Cause.HAND_SWITCH_OPEN
-    world = session.machine.world
-    for name in world.drives:
-        assert world.node(name).dictionary.value(0x6041, 0) & 0x6F == QUICK_STOP_ACTIVE
+    assert powers(session) == {QUICK_STOP_ACTIVE}
 
 
 def test_drives_that_hold_for_a_reason_that_no_core_knows_hold_until_a_reset(warm_generic_hold):
@@ -179,9 +183,7 @@ def test_drives_that_hold_for_a_reason_that_no_core_knows_hold_until_a_reset(war
     verdict = (found.verdict.cause, found.verdict.drive, found.verdict.value)
     assert verdict == (Cause.DRIVE_POWERED, "right/hip", PowerState.QUICK_STOP_ACTIVE)
     again.run(1.0)
-    world = session.machine.world
-    for name in world.drives:
-        assert world.node(name).dictionary.value(0x6041, 0) & 0x6F == QUICK_STOP_ACTIVE
+    assert powers(session) == {QUICK_STOP_ACTIVE}
     assert again.request(RequestKind.RESET).outcome == Outcome.DONE
     again.until(Mode.READY)
 

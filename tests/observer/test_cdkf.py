@@ -231,7 +231,7 @@ def steps_that_stay_well(noises):
                 points[row * lanes + j] += 0.01 * points[(row + 1) * lanes + j]
             points[(n - 1) * lanes + j] *= 0.9
         cdkf.compress(points, noise, cdkf.STEP, n, lanes, mean, root, work)
-        measured = mean + noises[k] + (1.0 if k % 997 == 0 else 0.0)
+        measured = mean + noises[k] + (1.0 if k % 97 == 0 else 0.0)
         cdkf.innovate(mean, root, picks, 1, measured, sensor, innovation, innovation_root, work)
         cdkf.correct(mean, root, n, picks, 1, sensor, innovation, innovation_root, gain, work)
         for i in range(n):

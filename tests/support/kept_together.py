@@ -49,6 +49,7 @@ def shared_by(item: pytest.Item) -> str:
         return ""
     if any(name.startswith(PREFIX) or name == SERVICE for name in item.fixturenames):
         return group_of(item.nodeid)
-    made = item._fixtureinfo.name2fixturedefs
-    is_shared = any(made[name][-1].scope == "module" for name in item.fixturenames if name in made)
-    return item.nodeid.partition("::")[0] if is_shared else ""
+    file = item.nodeid.partition("::")[0]
+    made = [one for several in item._fixtureinfo.name2fixturedefs.values() for one in several]
+    is_shared = any((one.scope, one.baseid) == ("module", file) for one in made)
+    return file if is_shared else ""
