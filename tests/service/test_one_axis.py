@@ -74,8 +74,10 @@ def test_a_sign_is_proven_kept_and_found_again_by_the_next_start(service):
     assert "moves with its torque: pushed forth" in proven.out
     service.until(lambda record: record.drives[0].sign_proven)
 
+    killed = service.boot_id()
     service.kill("core")
     service.start("core")
+    service.wait(lambda: service.boot_id() not in {killed, ""}, 40)
     again = service.until(lambda record: record.mode == Mode.READY and record.drives[0].fresh, 40)
 
     service.wait(lambda: service.request("status").get("safety", {}).get("valid"), 20)
