@@ -78,6 +78,9 @@ def test_a_sign_is_proven_kept_and_found_again_by_the_next_start(service):
     service.kill("core")
     service.start("core")
     service.wait(lambda: service.boot_id() not in {killed, ""}, 40)
+    up = service.until(lambda record: record.mode in {Mode.READY, Mode.FAULT}, 40)
+    if up.mode == Mode.FAULT:  # the drives have missed their master
+        service.wait(lambda: service.ask("reset").code == 0, 20)
     again = service.until(lambda record: record.mode == Mode.READY and record.drives[0].fresh, 40)
 
     service.wait(lambda: service.request("status").get("safety", {}).get("valid"), 20)
