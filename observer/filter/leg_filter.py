@@ -267,35 +267,9 @@ def advance(
     caller_bits: int,
     out: Vector,
 ) -> tuple[int, int, int]:
-    """As `advance_by`, for a caller in Python."""
-    return advance_by(
-        constants_of(setup_of[0]),
-        memory_of,
-        points,
-        position,
-        effort,
-        effort_std,
-        dt_s,
-        caller_bits,
-        out,
-    )
-
-
-@kernel
-def advance_by(
-    everywhere: Constants,
-    memory_of: Sequence[LegMemory],
-    points: Vector,
-    position: tuple[float, float],
-    effort: tuple[float, float],
-    effort_std: tuple[float, float],
-    dt_s: float,
-    caller_bits: int,
-    out: Vector,
-) -> tuple[int, int, int]:
     """Run one cycle; return Status and the Validity of hip and slide. Numbers go to `out`.
 
-    `everywhere` has the friction in the middle of each axis: the cycle's is that of its pose.
+    `setup_of` has the friction in the middle of each axis: the cycle's is that of its pose.
     `memory_of` holds the state after the previous cycle, zero before the first; `points`
     (POINTS_SIZE) need no content. Positions are measured now (rad, m; not finite if missing),
     efforts acted since the previous cycle (N m, N), `dt_s` ago, with ripples of `effort_std` if
@@ -304,7 +278,7 @@ def advance_by(
     takes off.
     """
     memory = memory_of[0]
-    constants = placed(everywhere, memory.mean[0], memory.mean[1])
+    constants = placed(constants_of(setup_of[0]), memory.mean[0], memory.mean[1])
     model, options = constants.model, constants.options
     position_hip, position_slide = position
     begin_cycle(memory, dt_s)

@@ -23,7 +23,7 @@ the transmission, and are fitted with it.
 
 Where the file calls the hip's transmission stiffer than LIKELY_COMPLIANCE and motion does not show
 it (`surprise.py`), friction has the error of that. The shaft swings, so the joint may turn even
-later: the variance is at least the square of what friction has just changed, times what is doubted.
+later: its sigma is at least what friction has just changed, times the doubt.
 
 As with the friction law (`friction.law_variance`) nothing but what is published reads this.
 """

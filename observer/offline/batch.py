@@ -22,14 +22,12 @@ from observer.filter.leg_filter import (
     OUT_PASSIVE,
     OUT_SIZE,
     OUT_STD,
-    Constants,
-    advance_by,
-    constants_of,
+    advance,
 )
 from observer.filter.leg_memory import LegMemory, new_memory
 from observer.filter.leg_model import STEP_S
 from observer.filter.leg_observer import Setup, begin_at
-from observer.jit import inline, kernel
+from observer.jit import kernel
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -101,9 +99,10 @@ def run(
     count = len(rows.steps_s)
     memory, points = begun_memory(setup, columns)
     for begin in range(0, count, BLOCK_ROWS):
-        _run(setup, rows.block(begin, BLOCK_ROWS), memory, points)
+        end = min(begin + BLOCK_ROWS, count)
+        run_rows(setup, rows, begin, end, memory, points)
         if progress is not None:
-            progress(min((begin + BLOCK_ROWS) / count, 1.0))
+            progress(end / count)
     return rows.estimates()
 
 
@@ -126,10 +125,6 @@ class Rows(NamedTuple):
     """Shape (n, OUT_SIZE): the results of `advance`, without what the baseline explains."""
     flags: Integers
     """Shape (n, 3): status, validity of hip and slide."""
-
-    def block(self, begin: int, count: int) -> "Rows":
-        """Return some rows; their results are written to this object's."""
-        return Rows._make(column[begin : begin + count] for column in self)
 
     def estimates(self) -> BatchEstimates:
         """Name the results."""
@@ -177,32 +172,26 @@ def prepared(columns: Columns) -> Rows:
     )
 
 
-@inline
-def advance_by_row(
-    constants: Constants, rows: Rows, row: int, memory: Sequence[LegMemory], points: Vector
-) -> None:
-    """Run one cycle, and write its results to the row."""
-    status, level_hip, level_slide = advance_by(
-        constants,
-        memory,
-        points,
-        (rows.position[row, 0], rows.position[row, 1]),
-        (rows.effort[row, 0], rows.effort[row, 1]),
-        (0.0, 0.0),
-        rows.steps_s[row],
-        rows.bits[row],
-        rows.numbers[row],
-    )
-    if constants.known.taken:
-        numbers = rows.numbers[row]
-        take_off(numbers[OUT_PASSIVE:], OUT_NET, numbers)
-    rows.flags[row, 0] = status
-    rows.flags[row, 1] = level_hip
-    rows.flags[row, 2] = level_slide
-
-
 @kernel
-def _run(setup: Setup, rows: Rows, memory: Sequence[LegMemory], points: Vector) -> None:
-    constants = constants_of(setup[0])
-    for row in range(rows.steps_s.size):
-        advance_by_row(constants, rows, row, memory, points)
+def run_rows(
+    setup: Setup, rows: Rows, begin: int, end: int, memory: Sequence[LegMemory], points: Vector
+) -> None:
+    """Run the cycles of some rows, and write their results to them."""
+    for row in range(begin, end):
+        numbers = rows.numbers[row]
+        status, level_hip, level_slide = advance(
+            setup,
+            memory,
+            points,
+            (rows.position[row, 0], rows.position[row, 1]),
+            (rows.effort[row, 0], rows.effort[row, 1]),
+            (0.0, 0.0),
+            rows.steps_s[row],
+            rows.bits[row],
+            numbers,
+        )
+        if setup[0].baseline_taken != 0.0:
+            take_off(numbers[OUT_PASSIVE:], OUT_NET, numbers)
+        rows.flags[row, 0] = status
+        rows.flags[row, 1] = level_hip
+        rows.flags[row, 2] = level_slide

@@ -10,7 +10,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.filter.leg_filter import constants_of
 from observer.filter.leg_memory import LegMemory
 from observer.filter.leg_observer import Setup
 from observer.jit import kernel
@@ -18,9 +17,9 @@ from observer.offline.batch import (
     BatchEstimates,
     Columns,
     Rows,
-    advance_by_row,
     begun_memory,
     prepared,
+    run_rows,
 )
 from observer.smoother import (
     CYCLE_DATA_COUNT,
@@ -65,10 +64,10 @@ def run_smoothed(
     memory, points = begun_memory(setup, columns)
     ring, work = np.zeros(RING_SIZE), np.zeros(WORK_SIZE)
     for begin in range(0, count, BLOCK_ROWS):
-        block = rows.block(begin, BLOCK_ROWS)
-        _run(setup, block, memory, points, ring, work, smooth, begin)
+        end = min(begin + BLOCK_ROWS, count)
+        _run(setup, rows, begin, end, LAG, memory, points, ring, work, smooth)
         if progress is not None:
-            progress(min((begin + BLOCK_ROWS) / count, 1.0))
+            progress(end / count)
     for lag in range(min(LAG, count)):
         smoothed(setup, ring, lag, smooth[count - 1 - lag], work)
     return replace(
@@ -86,17 +85,18 @@ def run_smoothed(
 def _run(
     setup: Setup,
     rows: Rows,
+    begin: int,
+    end: int,
+    lag: int,
     memory: Sequence[LegMemory],
     points: Vector,
     ring: Vector,
     work: Vector,
     smooth: Matrix,
-    begin: int,
 ) -> None:
-    constants = constants_of(setup[0])
     cycle_data = np.zeros(CYCLE_DATA_COUNT)
-    for row in range(rows.steps_s.size):
-        advance_by_row(constants, rows, row, memory, points)
+    for row in range(begin, end):
+        run_rows(setup, rows, row, row + 1, memory, points)
         store(ring, memory, points, cycle_data, work)
-        if begin + row >= LAG:
-            smoothed(setup, ring, LAG, smooth[begin + row - LAG], work)
+        if row >= lag:
+            smoothed(setup, ring, lag, smooth[row - lag], work)
