@@ -2,8 +2,9 @@
 
 An axis is BAD when its numbers may be wrong (out of workspace, inconsistent, unreferenced,
 uncalibrated, predicted for too long), SPLIT_UNOBSERVABLE when it has rested for longer than 100 ms,
-or was hit by an unmodelled push, and has not moved for four T1 since; and OK otherwise. A reversal
-of less than 100 ms keeps its split.
+or was hit by an unmodelled push, and friction has not met its law since: that takes three T1 of
+motion, and longer where the joint creeps, until sigma of the split (leg_noise.py) is small; and OK
+otherwise. A reversal of less than 100 ms keeps its split.
 
 The mechanism does not close at a sigma point out of the workspace, so what was corrected there may
 be wrong by far more than its covariance. An axis that comes back is BAD for a warm-up.
@@ -27,6 +28,7 @@ from observer.filter.status import (
     PREDICTED_MAX_CYCLES,
     REST_MAX_S,
     SETTLE_TIME_CONSTANTS,
+    SPLIT_KNOWN_RATIO,
     WARM_UP_CYCLES,
     Status,
     Validity,
@@ -75,8 +77,8 @@ def determine(model: LegModel, memory: LegMemory, dt_s: float, status: int) -> t
         status |= STANDSTILL_HIP_BIT
     if _count_rest(model.slide, memory, 1, dt_s):
         status |= STANDSTILL_SLIDE_BIT
-    level_hip = _level(memory, 0, status)
-    level_slide = _level(memory, 1, status)
+    level_hip = _level(model.hip, memory, 0, status)
+    level_slide = _level(model.slide, memory, 1, status)
     if BAD not in (level_hip, level_slide):
         status |= VALID_BIT
     return status, level_hip, level_slide
@@ -104,7 +106,9 @@ def mark_split_unknown(f: FrictionParameters, memory: LegMemory, axis: int) -> N
 
 
 @inline
-def _level(memory: LegMemory, axis: int, status: int) -> int:
+def _level(f: FrictionParameters, memory: LegMemory, axis: int, status: int) -> int:
     if status & BAD_MASK or memory.predicted[axis] > PREDICTED_MAX_CYCLES:
         return BAD
-    return SPLIT_UNOBSERVABLE if memory.settle_s[axis] > 0.0 else OK
+    known = SPLIT_KNOWN_RATIO * f.stribeck
+    is_unknown = memory.settle_s[axis] > 0.0 or memory.split[axis] > known * known
+    return SPLIT_UNOBSERVABLE if is_unknown else OK
