@@ -66,7 +66,7 @@ GATED_MAX_IN_A_ROW: Final = 5
 """Number of consecutive rejections after which the filter restarts at the next sample."""
 REST_MAX_S: Final = 0.1
 """Standstill up to this long keeps the split valid: a gait's reversal."""
-SETTLE_TIME_CONSTANTS: Final = 3.0
+SETTLE_TIME_CONSTANTS: Final = 2.5
 """Motion in T1 after a longer standstill until the split is valid again: friction meets its law."""
 SPLIT_KNOWN_RATIO: Final = 0.03
 """Sigma of the split over breakaway friction above which it is not valid: a joint that creeps."""

@@ -2,7 +2,7 @@
 
 An axis is BAD when its numbers may be wrong (out of workspace, inconsistent, unreferenced,
 uncalibrated, predicted for too long), SPLIT_UNOBSERVABLE when it has rested for longer than 100 ms,
-or was hit by an unmodelled push, and friction has not met its law since: that takes three T1 of
+or was hit by an unmodelled push, and friction has not met its law since: that takes 2.5 T1 of
 motion, and longer where the joint creeps, until sigma of the split (leg_noise.py) is small; and OK
 otherwise. A reversal of less than 100 ms keeps its split.
 

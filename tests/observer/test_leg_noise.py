@@ -333,7 +333,7 @@ def test_a_rest_is_over_when_the_position_moved_not_when_the_estimated_velocity_
     assert estimates.state[-1, 7] - estimates.state[-1, 5] == pytest.approx(30.0, abs=5.0)
 
 
-def test_a_split_counts_again_only_after_three_time_constants_of_motion():
+def test_a_split_counts_again_only_after_some_time_constants_of_motion():
     cycles = 260
     path = np.tile(MID_POSE, (cycles, 1))
     path[:, 0] += 0.3 * np.maximum(np.arange(cycles) * 0.01 - 1.5, 0.0)
