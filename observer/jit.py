@@ -86,7 +86,7 @@ def _compile(function: F, *, forceinline: bool) -> F:
     CONFIG.CACHE_DIR = str(_cache_directory(root))
     CONFIG.CACHE_LOCATOR_CLASSES = f"{__name__}.{AnyPlace.__name__}"
     try:
-        # Types of numba lack the last option.
+        # The types of numba do not know `no_cfunc_wrapper`.
         compiler: Any = numba.njit
         options = {"error_model": "numpy", "forceinline": forceinline, "no_cfunc_wrapper": True}
         compiled: F = compiler(cache=True, **options)(function)

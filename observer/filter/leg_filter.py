@@ -70,6 +70,7 @@ from observer.filter.status import (
     LATE_RATIO,
     NIS_USUAL_MAX,
     NIS_WINDOW_SAMPLES,
+    PUSH_TIME_CONSTANTS,
     Status,
     Validity,
 )
@@ -533,7 +534,8 @@ def _mark_pushed(model: LegModel, m: LegMemory, picks: NDArray[np.int64], count:
             variance += m.innovation_root[j, k] * m.innovation_root[j, k]
         if m.innovation[j] * m.innovation[j] > PUSHED_SIGMAS * PUSHED_SIGMAS * variance:
             m.pushed[picks[j]] = 1.0
-            mark_split_unknown(model.hip if picks[j] == 0 else model.slide, m, picks[j])
+            f = model.hip if picks[j] == 0 else model.slide
+            mark_split_unknown(f, m, picks[j], PUSH_TIME_CONSTANTS)
 
 
 @inline

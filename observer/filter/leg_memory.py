@@ -49,7 +49,7 @@ class LegMemory(Protocol):
     rest_s: Pair
     """How long each axis has been at rest."""
     settle_s: Pair
-    """How much longer each axis has to move after a rest until its split is valid again."""
+    """How much longer each axis has to move, at least, until its split is valid again; else 0."""
     quiet_s: Pair
     """How long each axis has certainly not moved (leg_noise.py)."""
     mark: Pair

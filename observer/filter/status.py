@@ -66,10 +66,13 @@ GATED_MAX_IN_A_ROW: Final = 5
 """Number of consecutive rejections after which the filter restarts at the next sample."""
 REST_MAX_S: Final = 0.1
 """Standstill up to this long keeps the split valid: a gait's reversal."""
-SETTLE_TIME_CONSTANTS: Final = 2.5
-"""Motion in T1 after a longer standstill until the split is valid again: friction meets its law."""
-SPLIT_KNOWN_RATIO: Final = 0.03
-"""Sigma of the split over breakaway friction above which it is not valid: a joint that creeps."""
+REST_TIME_CONSTANTS: Final = 2.5
+PUSH_TIME_CONSTANTS: Final = 4.0
+"""T1 of motion, after a longer standstill or a push, until the split is valid again at the
+earliest."""
+SPLIT_KNOWN_RATIO: Final = 0.04
+"""Sigma of the split over breakaway friction up to which it is valid again: a tenth of the largest
+one, to which a standstill brings it."""
 LATE_RATIO: Final = 1.5
 """A time step longer than this many nominal ones is late."""
 GAP_MAX_S: Final = 0.1

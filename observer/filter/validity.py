@@ -2,9 +2,12 @@
 
 An axis is BAD when its numbers may be wrong (out of workspace, inconsistent, unreferenced,
 uncalibrated, predicted for too long), SPLIT_UNOBSERVABLE when it has rested for longer than 100 ms,
-or was hit by an unmodelled push, and friction has not met its law since: that takes 2.5 T1 of
-motion, and longer where the joint creeps, until sigma of the split (leg_noise.py) is small; and OK
-otherwise. A reversal of less than 100 ms keeps its split.
+or was hit by an unmodelled push, and friction has not met its law since, and OK otherwise. A
+reversal of less than 100 ms keeps its split.
+
+After a rest friction meets its law when the axis has moved for 2.5 T1, and sigma of the split
+(leg_noise.py) is a tenth of its largest. The second takes longer where the joint creeps: friction
+follows by a(v) / T1. A push is not in that sigma, so the axis must move for four T1 after it.
 
 The mechanism does not close at a sigma point out of the workspace, so what was corrected there may
 be wrong by far more than its covariance. An axis that comes back is BAD for a warm-up.
@@ -27,7 +30,7 @@ from observer.filter.status import (
     NIS_WINDOW_MAX,
     PREDICTED_MAX_CYCLES,
     REST_MAX_S,
-    SETTLE_TIME_CONSTANTS,
+    REST_TIME_CONSTANTS,
     SPLIT_KNOWN_RATIO,
     WARM_UP_CYCLES,
     Status,
@@ -77,8 +80,8 @@ def determine(model: LegModel, memory: LegMemory, dt_s: float, status: int) -> t
         status |= STANDSTILL_HIP_BIT
     if _count_rest(model.slide, memory, 1, dt_s):
         status |= STANDSTILL_SLIDE_BIT
-    level_hip = _level(model.hip, memory, 0, status)
-    level_slide = _level(model.slide, memory, 1, status)
+    level_hip = _level(memory, 0, status)
+    level_slide = _level(memory, 1, status)
     if BAD not in (level_hip, level_slide):
         status |= VALID_BIT
     return status, level_hip, level_slide
@@ -92,23 +95,29 @@ def _count_rest(f: FrictionParameters, memory: LegMemory, axis: int, dt_s: float
     if resting:
         memory.rest_s[axis] += passed_s
         if memory.rest_s[axis] > REST_MAX_S:
-            mark_split_unknown(f, memory, axis)
+            mark_split_unknown(f, memory, axis, REST_TIME_CONSTANTS)
     else:
         memory.rest_s[axis] = 0.0
-        memory.settle_s[axis] = max(memory.settle_s[axis] - passed_s, 0.0)
+        known = SPLIT_KNOWN_RATIO * f.stribeck
+        is_last = memory.settle_s[axis] <= passed_s
+        if not is_last or memory.split[axis] <= known * known:
+            memory.settle_s[axis] = max(memory.settle_s[axis] - passed_s, 0.0)
     return resting
 
 
 @inline
-def mark_split_unknown(f: FrictionParameters, memory: LegMemory, axis: int) -> None:
-    """Mark friction as unknown: only motion for some T1 makes the split valid again."""
-    memory.settle_s[axis] = SETTLE_TIME_CONSTANTS * f.time_constant_s
+def mark_split_unknown(
+    f: FrictionParameters, memory: LegMemory, axis: int, time_constants: float
+) -> None:
+    """Mark the split as not valid until the axis has moved for this long at least, in T1.
+
+    Sigma of the split is not changed.
+    """
+    memory.settle_s[axis] = max(memory.settle_s[axis], time_constants * f.time_constant_s)
 
 
 @inline
-def _level(f: FrictionParameters, memory: LegMemory, axis: int, status: int) -> int:
+def _level(memory: LegMemory, axis: int, status: int) -> int:
     if status & BAD_MASK or memory.predicted[axis] > PREDICTED_MAX_CYCLES:
         return BAD
-    known = SPLIT_KNOWN_RATIO * f.stribeck
-    is_unknown = memory.settle_s[axis] > 0.0 or memory.split[axis] > known * known
-    return SPLIT_UNOBSERVABLE if is_unknown else OK
+    return SPLIT_UNOBSERVABLE if memory.settle_s[axis] > 0.0 else OK

@@ -65,6 +65,7 @@ def run_smoothed(
     ring, work = np.zeros(RING_SIZE), np.zeros(WORK_SIZE)
     for begin in range(0, count, BLOCK_ROWS):
         end = min(begin + BLOCK_ROWS, count)
+        # As an argument LAG has the type that it has below, so `smoothed` is compiled once.
         _run(setup, rows, begin, end, LAG, memory, points, ring, work, smooth)
         if progress is not None:
             progress(end / count)

@@ -88,12 +88,12 @@ def setup_with(*variants: Variant):
 
 
 def following(*estimates):
-    """Rows of the walk in which both splits have been valid for two T1: what a rest left is over.
+    """Rows of the walk in which all splits have been valid for three T1.
 
-    A derivative has no part of that; sigma of the split holds it (leg_noise.py).
+    Before that an error of a rest is left, which sigma of the split holds and no derivative does.
     """
     valid = np.all([one.validity == Validity.OK for one in estimates], axis=(0, 2))
-    rows = np.all([np.roll(valid, ago) for ago in range(5)], axis=0)
+    rows = np.all([np.roll(valid, ago) for ago in range(7)], axis=0)
     return rows & (np.arange(len(rows)) * 0.01 > SETTLED_S)
 
 
@@ -109,6 +109,19 @@ def test_the_error_of_a_parameter_is_that_of_an_observer_that_has_it(walk, name,
     found = (wrong.state - right.state)[rows, 6:8]
     assert (rms(found - told) < 0.05 * rms(told) + (0.01, 0.015)).all()
     assert (rms(told) > (0.2, 1.0)).any()
+
+
+@pytest.mark.parametrize("estimates_of", [run, run_smoothed])
+@pytest.mark.parametrize("name", OTHERS)
+def test_as_soon_as_a_split_is_valid_sigma_holds_the_error_of_a_parameter(walk, name, estimates_of):
+    other = OTHERS[name]
+    told = estimates_of(setup_with(other), walk)
+    found = np.abs(seen_by(other, walk, estimates_of).state - told.state)
+
+    for axis in range(2):
+        valid = (walk.time_s > SETTLED_S) & (told.validity[:, axis] == Validity.OK)
+        for state in (4 + axis, 6 + axis):
+            assert (found[valid, state] <= 3.0 * told.std[valid, state]).mean() > 0.99
 
 
 def test_the_filter_holds_the_error_as_its_smoother_does(walk):

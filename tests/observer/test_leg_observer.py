@@ -198,12 +198,13 @@ def test_too_few_substeps_for_the_friction_are_refused():
 # --- standstill -------------------------------------------------------------------------------
 
 
-def test_standstill_shows_within_one_sample_and_ends_the_split_after_100_ms():
+@pytest.mark.parametrize("velocity_gated", [False, True])
+def test_standstill_shows_within_one_sample_and_ends_the_split_after_100_ms(velocity_gated):
     """The leg walks for two seconds and then holds still."""
     path = gait(PATIENT, np.minimum(np.arange(1, 301) * DT, 2.0), 0.25)
     truth = simulate(PATIENT, 300, reference=path, start=path[0])
     recorded = encoded(truth)
-    one = observer()
+    one = observer(TUNING._replace(velocity_gated=velocity_gated))
     rows = [
         one.step(position, effort, DT)
         for position, effort in zip(recorded.position, recorded.effort, strict=True)
@@ -461,7 +462,10 @@ def test_an_offset_that_stays_is_believed_after_five_rejections_and_shows(offset
 
 
 def test_a_push_that_no_model_foresaw_is_followed_within_three_samples():
-    """200 N for a tenth of a second: at each edge one sample is rejected, then all are believed."""
+    """200 N for a tenth of a second: at each edge one sample is rejected, then all are believed.
+
+    Their split counts again after four T1 of motion, 80 ms.
+    """
     cycles = 160
     recorded = encoded(
         simulate(
@@ -483,6 +487,8 @@ def test_a_push_that_no_model_foresaw_is_followed_within_three_samples():
         assert row.state[7] == pytest.approx(200.0, rel=0.1)
     for row in rows[114:]:
         assert row.state[7] == pytest.approx(0.0, abs=10.0)
+    invalid = [k for k in range(109, 130) if rows[k].validity[1] is not Validity.OK]
+    assert invalid == [*range(110, 117)]
 
 
 def test_what_comes_all_the_time_is_no_glitch():
