@@ -275,13 +275,16 @@ def test_live_and_offline_give_the_same_bits():
     assert np.array_equal(live[:, SMOOTH_STD:SMOOTH_COVARIANCE], smooth.std[:-LAG])
 
 
-def test_a_repeat_gives_the_same_bits_whatever_the_blocks(monkeypatch):
+@pytest.mark.parametrize(
+    ("estimates_of", "of"), [(batch.run, "batch"), (run_smoothed, "smooth_batch")]
+)
+def test_a_repeat_gives_the_same_bits_whatever_the_blocks(monkeypatch, estimates_of, of):
     recorded = encoded(walking())
-    whole = run_smoothed(SETUP, recorded)
-    monkeypatch.setattr("observer.offline.smooth_batch.BLOCK_ROWS", 77)
+    whole = estimates_of(SETUP, recorded)
+    monkeypatch.setattr(f"observer.offline.{of}.BLOCK_ROWS", 77)
     told: list[float] = []
 
-    parts = run_smoothed(SETUP, recorded, told.append)
+    parts = estimates_of(SETUP, recorded, told.append)
 
     assert parts.state.tobytes() == whole.state.tobytes()
     assert parts.std.tobytes() == whole.std.tobytes()
