@@ -2,8 +2,8 @@
 
 The simulated axis sets the trap of a recorded one: a short range, over which a spring that is not
 there can take the place of friction; a constant force; an encoder a hundred times better than the
-file says. In `make test` it is calibrated as a whole by `tests/gaitd/test_real_data.py`, with one
-search. The recorded axis itself is tested with `--recordings=FOLDER`.
+file says. In `make test` `tests/gaitd_lab/studies/test_real_data.py` calibrates it as a whole, with
+one search. The recorded axis itself is tested with `--recordings=FOLDER`.
 """
 
 from dataclasses import replace

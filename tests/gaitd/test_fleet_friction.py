@@ -20,7 +20,7 @@ from gaitd_toml import load_toml, read_toml
 from processes import gaitd
 from recorded_sessions import published_by, record
 from scipy import stats
-from sessions import CONFIGS
+from sessions import CONFIGS, changed_configs
 
 from analysis.fleet import FRICTION_SCHEMA, Job, Work, key_of, run_job
 from analysis.friction_weeks import Advice, merge
@@ -58,6 +58,13 @@ def after_self_test(configs, ratio, week, seed):
     session.enable().execute(RequestKind.MODE, ModeRequest(Mode.SELF_TEST))
     session.until(Mode.HOLD, within_s=60)
     return session
+
+
+@pytest.fixture(scope="module")
+def soon(tmp_path_factory):
+    """The folder of configurations, with motion that is announced for half a second."""
+    announced = ("demo.toml", "announce_s = 3.0", "announce_s = 0.5")
+    return changed_configs(tmp_path_factory.mktemp("soon"), announced)
 
 
 @pytest.fixture(scope="module")

@@ -24,7 +24,7 @@ from observer.drift import NO_DRIFT
 from observer.filter.leg_model import STEP_S
 from observer.filter.status import Status, Validity
 
-CONFIGS = Path(__file__).parents[2] / "configs"
+CONFIGS = Path(__file__).parents[3] / "configs"
 
 
 @pytest.fixture(scope="module", params=["robot_empty.toml", "robot.toml"])
