@@ -13,7 +13,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import minimize
 
 from analysis.calibration.fit import EQUAL_PER_SAMPLE
 from analysis.calibration.likelihood import FINE_SUBSTEPS, Likelihood
@@ -37,6 +36,14 @@ PATIENT_MIN_RATIO: Final = 0.2
 """False effort while moving, over the Coulomb level, that our friction law cannot cause."""
 NOISES: Final = tuple(power * math.log(2.0) for power in range(-2, 16, 2))
 """Logarithms of the factors on fitted noise between which the noise of a given law is searched."""
+NOISE_STEPS: Final = tuple(
+    sign * math.log(2.0) * power * np.eye(2)[which]
+    for power, sign, which in product((0.125, 0.25, 0.5, 1.0, 2.0, 3.0), (-1.0, 1.0), range(2))
+)
+"""Steps of the search, in the noise of effort or of friction. Friction is bounded at rest, so the
+loss is not smooth, and a search that follows its slope ends too soon."""
+LIKELIER_MIN: Final = 0.1
+"""A step that lowers the loss of all rows by less ends the search."""
 EQ_11: Final = "with a fit of eq. (11)"
 CONTACT_ROWS: Final = 100
 """A second: rows this much above the others are a contact, for instance with an end stop."""
@@ -146,9 +153,12 @@ def like_fitted(frame: Frame, fitted: Vector, motion: Motion) -> Vector:
         return found if math.isfinite(found) else math.inf
 
     near = np.array(min(product(NOISES, repeat=2), key=loss))
-    simplex = near + math.log(2.0) * np.array(((0, 0), (1, 0), (0, 1)))
-    options = {"initial_simplex": simplex, "xatol": 0.05, "fatol": 0.1}
-    return louder(minimize(loss, near, method="Nelder-Mead", options=options).x)
+    least = loss(near)
+    while True:
+        further = min((near + step for step in NOISE_STEPS), key=loss)
+        if not (less := loss(further)) < least - LIKELIER_MIN:  # neither where both are infinite
+            return louder(near)
+        near, least = further, less
 
 
 def two_optima(disagreement: str) -> str:
