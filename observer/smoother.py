@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.filter.cdkf import SIGMA_4, STEP
-from observer.filter.considered import VARIANTS_MAX, take_off, widen
+from observer.filter.considered import VARIANTS_MAX, take_off, widen, widen_friction
 from observer.filter.leg_filter import Setup, constants_of, placed
 from observer.filter.leg_memory import NOTHING, STEPPED, LegMemory, N
 from observer.filter.leg_model import LANES, STEP_S
@@ -62,7 +62,9 @@ HIDDEN_NET: Final = OPEN_SPLIT + 2
 """Variance of net that the transmission hides."""
 SHOWN_NET: Final = HIDDEN_NET + 2
 """Variance of net that innovations show."""
-SENSITIVITY: Final = SHOWN_NET + 2
+TURNING: Final = SHOWN_NET + 2
+"""Variance of friction as its known error changes (considered.py)."""
+SENSITIVITY: Final = TURNING + 2
 """Derivative of the filtered mean by each considered parameter."""
 FORECAST_SENSITIVITY: Final = SENSITIVITY + VARIANTS_MAX * N
 CYCLE_DATA: Final = FORECAST_SENSITIVITY + VARIANTS_MAX * N
@@ -124,6 +126,7 @@ def store(
         node[OPEN_SPLIT + i] = memory.split[i] + memory.law[i]
         node[HIDDEN_NET + i] = memory.hidden_net[i]
         node[SHOWN_NET + i] = memory.shown_net[i]
+        node[TURNING + i] = memory.turning[i]
     for k in range(VARIANTS_MAX):
         for i in range(N):
             node[SENSITIVITY + k * N + i] = memory.sensitivity[k, i]
@@ -270,6 +273,7 @@ def smoothed(
             out,
         )
         if constants.known.taken:
+            widen_friction(node[TURNING:], SMOOTH_NET_STD, out)
             take_off(work, SMOOTH_NET, out)
     return True
 

@@ -56,6 +56,8 @@ from sim_drives.plant.settings import HipElasticity, PlantTransmission
 MINUTE_S: Final = 60.0
 WALK_S: Final = 30.0
 SETTLED_S: Final = 5.0
+SEEN_S: Final = 12.0
+"""Three strides show all that the filter keeps of the machine."""
 CADENCES_HZ: Final = (0.25, 0.35)
 """The baseline is that of the first one."""
 SIGMAS: Final = 3.0
@@ -273,18 +275,21 @@ def _rows(
         clean = None
     certain = [[filter_setup(one.robot) for one in some] for some in exact]
     rows: list[tuple[Cell, ...]] = []
+    none = [None] * len(walks.passive)
     for cadence_hz, trials in walks.active.items():
-        for how, made_from, setups in (
-            ("without", files, bare),
-            ("with", files, clean),
-            ("the true file", exact, certain),
+        for how, made_from, setups, minutes in (
+            ("without", files, bare, none),
+            ("with", files, clean, walks.passive),
+            ("the true file", exact, certain, none),
         ):
             if setups is None:
                 rows.append((name, f"{cadence_hz:g} Hz", "refused", *("",) * len(_HEAD)))
                 continue
             pairs = [
-                (trial, *one)
-                for trial, some, theirs in zip(trials, made_from, setups, strict=True)
+                (trial, *one, minute)
+                for trial, some, theirs, minute in zip(
+                    trials, made_from, setups, minutes, strict=True
+                )
                 for one in zip(some, theirs, strict=True)
             ]
             told = begin(f"{name}, {cadence_hz:g} Hz, {how}")
@@ -319,12 +324,14 @@ def _falling_rows(
         situation = Situation(cadence_hz=cadence_hz, programme="active")
         walked = Trials(config, fallen, seed=seed).gait_of_legs(situation, WALK_S, told)
         for leg, trial in zip(rigid, walked.values(), strict=True):
-            for how, one, setup in (
-                ("without", file, _setup(file)),
-                ("with", file, _setup(file, known(minutes[leg][number], Since(age_s)))),
-                ("the true file", File(fallen), filter_setup(fallen)),
+            passive = rigid[leg].passive[number]
+            of_minute = known(minutes[leg][number], Since(age_s))
+            for how, errors in (
+                ("without", _errors(trial, file, _setup(file))),
+                ("with", _errors(trial, file, _setup(file, of_minute), passive)),
+                ("the true file", _errors(trial, File(fallen), filter_setup(fallen))),
             ):
-                found.setdefault((leg, cadence_hz, how), []).append(_errors(trial, one, setup))
+                found.setdefault((leg, cadence_hz, how), []).append(errors)
     return [
         (name + leg, f"{cadence_hz:g} Hz", how, *_cells([_as_one(errors)]))
         for (leg, cadence_hz, how), errors in found.items()
@@ -411,17 +418,34 @@ def _minute(file: File, passive: Trial) -> Baseline:
     return baseline_of(run_smoothed(_setup(file), columns), columns, frictional(file.robot))
 
 
-def _errors(trial: Trial, file: File, setup: Setup) -> _Errors:
-    """Estimate a walk with a file, and compare it with the truth."""
+def _errors(trial: Trial, file: File, setup: Setup, minute: Trial | None = None) -> _Errors:
+    """Estimate a walk with a file, and compare it with the truth.
+
+    With a baseline the filter has seen the end of its minute, and what motion shows in it.
+    """
     columns = _columns(trial, file)
-    found = run(setup, columns)
+    found = run(setup, columns if minute is None else _after(_columns(minute, file), columns))
+    state, std, validity = (
+        rows[-len(columns.time_s) :] for rows in (found.state, found.std, found.validity)
+    )
     judged = (columns.time_s - columns.time_s[0] > SETTLED_S) & trial.judged
-    valid = found.validity == Validity.OK
+    valid = validity == Validity.OK
     rows = judged & valid.all(axis=1)
-    error, std = (found.state - trial.truth)[rows], found.std[rows]
+    error, std = (state - trial.truth)[rows], std[rows]
     of_moving = np.where(trial.moving, valid.astype(float), np.nan)[judged]
     return _Errors(
         error[:, PATIENT], std[:, PATIENT], error[:, FRICTION], std[:, FRICTION], of_moving
+    )
+
+
+def _after(minute: Columns, walk: Columns) -> Columns:
+    """A walk after the last SEEN_S of a minute, with a second without samples between them."""
+    rows = minute.time_s > minute.time_s[-1] - SEEN_S
+    seen_s = minute.time_s[rows]
+    return Columns(
+        np.concatenate((seen_s - seen_s[-1] + walk.time_s[0] - 1.0, walk.time_s)),
+        np.concatenate((minute.position[rows], walk.position)),
+        np.concatenate((minute.effort[rows], walk.effort)),
     )
 
 

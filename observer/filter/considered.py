@@ -15,6 +15,10 @@ taken off what is published, and sigma holds what is left:
     error of patient, friction, net: sum of theta_k e_k           theta, P: of the baseline
     covariance                       e' P e + kept                kept: of what only repeats
 
+The derivatives are those of the filter's own motion. Where friction turns, it and the filter with
+the other parameter do so at times that differ by about a cycle. So the variance of friction holds
+the square of what a cycle has changed of its known error, as a mean over TURNING_S.
+
 Schmidt, Application of state-space methods to navigation problems, 1966: a consider covariance.
 Nothing but what is published reads either: gate, innovations, validity and stops use the filter's
 own.
@@ -44,6 +48,8 @@ COVARIANCE: Final = 2 * N
 FRICTION_ROW: Final = 4
 """Friction of both axes, then the patient, are the rows that parameters make uncertain."""
 PATIENT_ROW: Final = FRICTION_ROW + 2
+TURNING_S: Final = 0.03
+"""Time constant: friction needs as long to turn."""
 
 
 class Drives(NamedTuple):
@@ -219,6 +225,34 @@ def _keep(kept_std: Vector, net_std_at: int, out: Vector) -> None:
         variance = kept_std[axis] * kept_std[axis]
         out[COVARIANCE + patient * (patient + 1) // 2 + patient] += variance
         out[net_std_at + axis] = math.sqrt(out[net_std_at + axis] ** 2 + variance)
+
+
+@inline
+def follow_turning(passive: Vector, dt_s: float, known_friction: Vector, turning: Vector) -> None:
+    """Follow how much the known error of friction changes in a cycle.
+
+    Args:
+        passive: from `widen`.
+        dt_s: step of this cycle.
+        known_friction: known error of friction in the last cycle, (2); changed.
+        turning: mean square of its changes, (2); changed.
+    """
+    share = 1.0 - math.exp(-dt_s / TURNING_S)
+    for axis in range(2):
+        change = passive[axis] - known_friction[axis]
+        known_friction[axis] = passive[axis]
+        turning[axis] += share * (change * change - turning[axis])
+
+
+@inline
+def widen_friction(variance: Vector, net_std_at: int, out: Vector) -> None:
+    """Add a variance, (2), to that of friction and so of net."""
+    for axis in range(2):
+        friction = FRICTION_ROW + axis
+        at = COVARIANCE + friction * (friction + 1) // 2 + friction
+        out[at] += variance[axis]
+        out[N + friction] = math.sqrt(out[at])
+        out[net_std_at + axis] = math.sqrt(out[net_std_at + axis] ** 2 + variance[axis])
 
 
 @inline

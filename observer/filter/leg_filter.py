@@ -26,7 +26,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.filter.cdkf import STEP, compress, correct, innovate, spread
-from observer.filter.considered import VARIANT_SIZE, VARIANTS_MAX, Known, widen
+from observer.filter.considered import (
+    VARIANT_SIZE,
+    VARIANTS_MAX,
+    Known,
+    follow_turning,
+    widen,
+    widen_friction,
+)
 from observer.filter.leg_memory import (
     STEPPED,
     LegMemory,
@@ -342,6 +349,9 @@ def _consider(constants: Constants, m: LegMemory, points: Vector, dt_s: float, o
         out[OUT_PASSIVE:],
         out,
     )
+    if constants.known.taken:
+        follow_turning(out[OUT_PASSIVE:], dt_s, m.known_friction, m.turning)
+        widen_friction(m.turning, OUT_NET_STD, out)
 
 
 @inline

@@ -228,3 +228,37 @@ def test_there_is_room_for_a_fixed_number_of_parameters():
     assert np.count_nonzero(table_of(OWN, [one] * VARIANTS_MAX).any(axis=1)) == VARIANTS_MAX
     with pytest.raises(ValueError, match=f"there is room for {VARIANTS_MAX}"):
         table_of(OWN, [one] * (VARIANTS_MAX + 1))
+
+
+def test_sigma_of_friction_holds_what_a_cycle_changes_of_its_known_error(walk):
+    setup = setup_with(OTHERS["more friction at the hip"])
+    plain, told = run(setup, walk), run(with_baseline(setup, ENTIRE), walk)
+    none = run(with_baseline(setup, ENTIRE._replace(theta=0.0 * ENTIRE.theta)), walk)
+
+    known = np.nan_to_num((plain.state - told.state)[:, 4:6])
+    expected = np.zeros_like(known)
+    for row in range(1, len(known)):
+        change = known[row] - known[row - 1]
+        expected[row] = expected[row - 1] * np.exp(-1 / 3) + change**2 * (1 - np.exp(-1 / 3))
+    of_friction = (told.std**2 - none.std**2)[:, 4:6]
+    of_net = told.net_std**2 - none.net_std**2
+    rows = walk.time_s > SETTLED_S
+    np.testing.assert_allclose(of_friction[rows], expected[rows], rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(of_net[rows], expected[rows], rtol=1e-6, atol=1e-9)
+    assert np.array_equal(told.std[:, 6:8], none.std[:, 6:8], equal_nan=True)
+    assert expected[rows, 0].max() > 0.02
+
+
+@pytest.mark.parametrize("estimates_of", [run, run_smoothed])
+def test_where_friction_turns_sigma_holds_what_a_baseline_leaves_of_its_error(walk, estimates_of):
+    more = SLIDE_FRICTION._replace(
+        stribeck=1.25 * SLIDE_FRICTION.stribeck, coulomb=1.25 * SLIDE_FRICTION.coulomb
+    )
+    setup = with_baseline(
+        setup_of(PATIENT, HIP, more, SHIPPED, [OWN]), ENTIRE._replace(theta=-ENTIRE.theta)
+    )
+    told, right = estimates_of(setup, walk), seen_by(OWN, walk, estimates_of)
+
+    rows = following(told)
+    error = np.abs(told.state - right.state)[rows, 5]
+    assert (error <= 3.0 * told.std[rows, 5]).mean() > 0.995
