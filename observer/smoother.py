@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.filter.cdkf import SIGMA_4, STEP
-from observer.filter.considered import VARIANTS_MAX, take_off, widen, widen_friction
+from observer.filter.considered import FRICTION_ROW, VARIANTS_MAX, add_variance, take_off, widen
 from observer.filter.leg_filter import Setup, constants_of, placed
 from observer.filter.leg_memory import NOTHING, STEPPED, LegMemory, N
 from observer.filter.leg_model import LANES, STEP_S
@@ -63,7 +63,7 @@ HIDDEN_NET: Final = OPEN_SPLIT + 2
 SHOWN_NET: Final = HIDDEN_NET + 2
 """Variance of net that innovations show."""
 TURNING: Final = SHOWN_NET + 2
-"""Variance of friction as its known error changes (considered.py)."""
+"""Variance of friction by the changes of its known error, as the filter has it."""
 SENSITIVITY: Final = TURNING + 2
 """Derivative of the filtered mean by each considered parameter."""
 FORECAST_SENSITIVITY: Final = SENSITIVITY + VARIANTS_MAX * N
@@ -273,7 +273,8 @@ def smoothed(
             out,
         )
         if constants.known.taken:
-            widen_friction(node[TURNING:], SMOOTH_NET_STD, out)
+            for axis in range(2):
+                add_variance(FRICTION_ROW + axis, node[TURNING + axis], SMOOTH_NET_STD, out)
             take_off(work, SMOOTH_NET, out)
     return True
 

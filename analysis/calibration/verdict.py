@@ -37,13 +37,16 @@ PATIENT_MIN_RATIO: Final = 0.2
 NOISES: Final = tuple(power * math.log(2.0) for power in range(-2, 16, 2))
 """Logarithms of the factors on fitted noise between which the noise of a given law is searched."""
 NOISE_STEPS: Final = tuple(
-    sign * math.log(2.0) * power * np.eye(2)[which]
-    for power, sign, which in product((0.125, 0.25, 0.5, 1.0, 2.0, 3.0), (-1.0, 1.0), range(2))
+    math.log(2.0) * power * np.array(way)
+    for power, way in product(
+        (0.125, 0.25, 0.5, 1.0, 2.0, 3.0), product((-1.0, 0.0, 1.0), repeat=2)
+    )
+    if any(way)
 )
-"""Steps of the search, in the noise of effort or of friction. Friction is bounded at rest, so the
-loss is not smooth, and a search that follows its slope ends too soon."""
+"""Steps of this search, in the noise of effort and of friction. The loss of a law that is far off
+is rough: neighbouring factors differ by 100, and a simplex ends too soon."""
 LIKELIER_MIN: Final = 0.1
-"""A step that lowers the loss of all rows by less ends the search."""
+"""The search ends where its best step lowers the loss of all rows by less."""
 EQ_11: Final = "with a fit of eq. (11)"
 CONTACT_ROWS: Final = 100
 """A second: rows this much above the others are a contact, for instance with an end stop."""
@@ -156,7 +159,7 @@ def like_fitted(frame: Frame, fitted: Vector, motion: Motion) -> Vector:
     least = loss(near)
     while True:
         further = min((near + step for step in NOISE_STEPS), key=loss)
-        if not (less := loss(further)) < least - LIKELIER_MIN:  # neither where both are infinite
+        if (less := loss(further)) >= least - LIKELIER_MIN:
             return louder(near)
         near, least = further, less
 

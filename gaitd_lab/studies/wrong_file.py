@@ -57,7 +57,8 @@ MINUTE_S: Final = 60.0
 WALK_S: Final = 30.0
 SETTLED_S: Final = 5.0
 SEEN_S: Final = 12.0
-"""Three strides show all that the filter keeps of the machine."""
+"""Three strides of the minute. They show what a filter keeps when it begins anew: whether the
+hip's transmission is stiff."""
 CADENCES_HZ: Final = (0.25, 0.35)
 """The baseline is that of the first one."""
 SIGMAS: Final = 3.0
@@ -421,7 +422,12 @@ def _minute(file: File, passive: Trial) -> Baseline:
 def _errors(trial: Trial, file: File, setup: Setup, minute: Trial | None = None) -> _Errors:
     """Estimate a walk with a file, and compare it with the truth.
 
-    With a baseline the filter has seen the end of its minute, and what motion shows in it.
+    Args:
+        trial: the walk.
+        file: what the observer takes for true.
+        setup: of this file.
+        minute: of a baseline that is taken live, whose end the filter has seen; None: it begins
+            with the walk.
     """
     columns = _columns(trial, file)
     found = run(setup, columns if minute is None else _after(_columns(minute, file), columns))

@@ -13,11 +13,11 @@ this patient, in its standard deviations, and what is left of its uncertainty. T
 taken off what is published, and sigma holds what is left:
 
     error of patient, friction, net: sum of theta_k e_k           theta, P: of the baseline
-    covariance                       e' P e + kept                kept: of what only repeats
+    covariance                       e' P e + kept + turning      kept: of what only repeats
 
-The derivatives are those of the filter's own motion. Where friction turns, it and the filter with
-the other parameter do so at times that differ by about a cycle. So the variance of friction holds
-the square of what a cycle has changed of its known error, as a mean over TURNING_S.
+The derivatives are of first order. At a reversal this filter, and one with the other parameter, let
+friction turn at times that differ by about a cycle. So the variance of friction, and of net, holds
+`turning`: the mean over TURNING_S of the square of what a cycle changes of friction's known error.
 
 Schmidt, Application of state-space methods to navigation problems, 1966: a consider covariance.
 Nothing but what is published reads either: gate, innovations, validity and stops use the filter's
@@ -49,7 +49,7 @@ FRICTION_ROW: Final = 4
 """Friction of both axes, then the patient, are the rows that parameters make uncertain."""
 PATIENT_ROW: Final = FRICTION_ROW + 2
 TURNING_S: Final = 0.03
-"""Time constant: friction needs as long to turn."""
+"""Time constant, about that of friction; chosen."""
 
 
 class Drives(NamedTuple):
@@ -180,7 +180,9 @@ def widen(
             work[4 * k + i] = sensitivity[k, FRICTION_ROW + i]
     if known.taken:
         _apply(known, count, work, passive)
-        _keep(known.kept_std, net_std_at, out)
+        for axis in range(2):
+            kept = known.kept_std[axis]
+            add_variance(PATIENT_ROW + axis, kept * kept, net_std_at, out)
     net_variance_hip = net_variance_slide = 0.0
     for k in range(count):
         friction_hip, friction_slide = work[4 * k], work[4 * k + 1]
@@ -218,41 +220,39 @@ def _apply(known: Known, count: int, errors: Vector, passive: Vector) -> None:
 
 
 @inline
-def _keep(kept_std: Vector, net_std_at: int, out: Vector) -> None:
-    """Add what the baseline cannot tell from the patient to the variance of patient and net."""
-    for axis in range(2):
-        patient = PATIENT_ROW + axis
-        variance = kept_std[axis] * kept_std[axis]
-        out[COVARIANCE + patient * (patient + 1) // 2 + patient] += variance
-        out[net_std_at + axis] = math.sqrt(out[net_std_at + axis] ** 2 + variance)
+def add_variance(state: int, variance: float, net_std_at: int, out: Vector) -> None:
+    """Add a variance to that of a state and of net.
+
+    Args:
+        state: friction or patient of an axis.
+        variance: of the state, independent of all else.
+        net_std_at: place of the standard deviation of net in `out`.
+        out: as of `widen`; changed.
+    """
+    at = COVARIANCE + state * (state + 1) // 2 + state
+    out[at] += variance
+    out[N + state] = math.sqrt(max(out[at], 0.0))
+    net = net_std_at + (state - FRICTION_ROW) % 2
+    out[net] = math.sqrt(out[net] ** 2 + variance)
 
 
 @inline
 def follow_turning(passive: Vector, dt_s: float, known_friction: Vector, turning: Vector) -> None:
-    """Follow how much the known error of friction changes in a cycle.
+    """Follow how much the known error of friction changes from cycle to cycle.
 
     Args:
         passive: from `widen`.
         dt_s: step of this cycle.
-        known_friction: known error of friction in the last cycle, (2); changed.
+        known_friction: known error of friction in the last cycle, (2); NaN if there was none;
+            changed.
         turning: mean square of its changes, (2); changed.
     """
     share = 1.0 - math.exp(-dt_s / TURNING_S)
     for axis in range(2):
         change = passive[axis] - known_friction[axis]
         known_friction[axis] = passive[axis]
-        turning[axis] += share * (change * change - turning[axis])
-
-
-@inline
-def widen_friction(variance: Vector, net_std_at: int, out: Vector) -> None:
-    """Add a variance, (2), to that of friction and so of net."""
-    for axis in range(2):
-        friction = FRICTION_ROW + axis
-        at = COVARIANCE + friction * (friction + 1) // 2 + friction
-        out[at] += variance[axis]
-        out[N + friction] = math.sqrt(out[at])
-        out[net_std_at + axis] = math.sqrt(out[net_std_at + axis] ** 2 + variance[axis])
+        if math.isfinite(change):
+            turning[axis] += share * (change * change - turning[axis])
 
 
 @inline

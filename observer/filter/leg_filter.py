@@ -27,12 +27,13 @@ from numpy.typing import NDArray
 
 from observer.filter.cdkf import STEP, compress, correct, innovate, spread
 from observer.filter.considered import (
+    FRICTION_ROW,
     VARIANT_SIZE,
     VARIANTS_MAX,
     Known,
+    add_variance,
     follow_turning,
     widen,
-    widen_friction,
 )
 from observer.filter.leg_memory import (
     STEPPED,
@@ -349,9 +350,13 @@ def _consider(constants: Constants, m: LegMemory, points: Vector, dt_s: float, o
         out[OUT_PASSIVE:],
         out,
     )
-    if constants.known.taken:
+    if constants.known.taken and m.event == STEPPED:
         follow_turning(out[OUT_PASSIVE:], dt_s, m.known_friction, m.turning)
-        widen_friction(m.turning, OUT_NET_STD, out)
+    for axis in range(2):
+        if constants.known.taken:
+            add_variance(FRICTION_ROW + axis, m.turning[axis], OUT_NET_STD, out)
+        else:
+            m.known_friction[axis], m.turning[axis] = math.nan, 0.0
 
 
 @inline

@@ -104,8 +104,8 @@ class LegMemory(Protocol):
     shown_net: Pair
     """Variance of patient and net that innovations show."""
     known_friction: Pair
-    """What the baseline explains of friction, N m and N; and the mean square of its changes in a
-    cycle (considered.py)."""
+    """What the baseline explains of friction, N m and N; NaN before there is one. Then the mean
+    square of its changes from cycle to cycle (considered.py)."""
     turning: Pair
     event: float
     """Effect of this cycle on the estimate: NOTHING, STEPPED or BEGAN; used by the smoother."""
@@ -236,7 +236,7 @@ def _begin(
         m.followed_effort[axis], m.followed_rate[axis] = m.efforts[0, axis], 0.0
         m.hidden_error[axis] = m.hidden_friction[axis] = m.hidden_net[axis] = 0.0
         m.usual_friction[axis] = m.mean[4 + axis]
-        m.known_friction[axis] = m.turning[axis] = 0.0
+        m.known_friction[axis], m.turning[axis] = math.nan, 0.0
         m.surprise[axis] = m.corrected[axis] = m.shown_net[axis] = m.onward_s[axis] = 0.0
     for k in range(VARIANTS_MAX):
         for i in range(N + 2):

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from observer.filter.considered import NOTHING_KNOWN, Variant
 from observer.filter.leg_model import Integrator
 from observer.filter.leg_observer import LegObserver, PoseError, TuningError
 from observer.filter.states import FRICTION, POSITION, STATE_COUNT, STATE_NAMES, VELOCITY
@@ -21,6 +22,7 @@ from observer.filter.status import (
 )
 from observer.mechanism.mechanism import WorkspaceError, gravity, singularity_ratio
 from tests.observer.trainer import (
+    ENTIRE,
     HIP,
     MID_POSE,
     PATIENT,
@@ -62,11 +64,19 @@ def walking(cycles=250):
 WALK = walking()
 
 
+FIRMER = Variant(PATIENT, HIP, SLIDE_FRICTION._replace(coulomb=1.1 * SLIDE_FRICTION.coulomb))
+
+
+def walk(one, begin=0, end=200):
+    """The estimate after these samples."""
+    for position, effort in zip(*(column[begin:end] for column in WALK), strict=True):
+        estimate = one.step(position, effort, DT)
+    return estimate
+
+
 def walked(cycles=200, tuning=TUNING):
     one = observer(tuning)
-    for position, effort in zip(*(column[:cycles] for column in WALK), strict=True):
-        estimate = one.step(position, effort, DT)
-    return one, estimate
+    return one, walk(one, end=cycles)
 
 
 def finite(estimate):
@@ -379,15 +389,30 @@ def test_no_input_whatever_gives_a_number_that_is_none(samples):
 # --- time -------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("unsure", [False, True])
 @pytest.mark.parametrize("dt_s", [0.0, -0.01, math.nan, -math.inf])
-def test_a_duplicate_or_a_step_back_in_time_is_flagged_and_changes_nothing(dt_s):
-    one, before = walked()
+def test_a_duplicate_or_a_step_back_in_time_is_flagged_and_changes_nothing(dt_s, unsure):
+    one = observer(considered=[FIRMER] if unsure else [])
+    one.take_baseline(ENTIRE if unsure else NOTHING_KNOWN)
+    before = walk(one)
     estimate = one.step(WALK[0][199], WALK[1][199], dt_s)
 
     assert Status.LATE in estimate.status
     assert Status.PREDICT_ONLY in estimate.status
     assert estimate.state == before.state
     assert estimate.covariance == before.covariance
+    assert finite(one.step(WALK[0][200], WALK[1][200], DT))
+
+
+def test_a_baseline_that_is_taken_in_motion_is_no_change_of_friction():
+    known, unknown = observer(considered=[FIRMER]), observer(considered=[FIRMER])
+    for one, theta in ((known, ENTIRE.theta), (unknown, 0.0 * ENTIRE.theta)):
+        walk(one)
+        one.take_baseline(ENTIRE._replace(theta=theta))
+
+    taken = walk(known, 200, 201)
+    assert np.abs(taken.passive[:2]).max() > 1.0
+    assert taken.std == walk(unknown, 200, 201).std
 
 
 def test_a_cycle_that_was_missed_is_bridged_and_flagged():
