@@ -81,7 +81,7 @@ def test_a_baseline_takes_off_what_a_wrong_file_adds_and_sigma_holds_what_is_sta
         [clean] = [row[3:] for row in rows if (row[0], row[2]) == (name, "with")]
         for error, sigma, beyond, friction_beyond, valid in (clean[:5], clean[5:]):
             assert sigma.value < 2.0 * error.value
-            assert max(beyond.value, friction_beyond.value) < 0.3
+            assert max(beyond.value, friction_beyond.value) < 1.0
             assert valid.value > 95.0
     falls = {how: cells for name, _, how, *cells in rows if name.startswith("friction falls")}
     for error, sigma, beyond, *_ in (falls["with"][:5], falls["with"][5:]):
