@@ -149,9 +149,10 @@ def test_a_session_that_is_lost_while_streams_are_declared_is_opened_again(sessi
     away, lost, good = NoServiceError("away"), Session(zenoh.ZError("lost")), Session()
     sessions += [away, lost, good]
 
-    with Trainer(keep_trying=True) as made:
-        safety = made.safety()
-        made.health()
+    made = Trainer(keep_trying=True)
+    safety = made.safety()
+    made.health()
+    with made:
         assert good.is_complete.wait(10)
         assert lost.is_closed
         assert isinstance(safety.newest(), NotValid)
