@@ -1,6 +1,5 @@
 """`gaitd fleet estimate`: the results of a replay, from a cluster and after losses as well."""
 
-import contextlib
 import json
 import os
 import re
@@ -14,13 +13,13 @@ from functools import partial
 from pathlib import Path
 
 import distributed
-import duckdb
 import msgspec
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from command_line import gaitd
+from duckdb_program import rows_of
 from power_cuts import check
 from sessions import CONFIGS
 from traced_calls import mark
@@ -187,8 +186,8 @@ def test_results_of_two_robot_files_are_compared_recording_by_recording(
     assert hip["sigma_before_si"] == pytest.approx(np.sqrt(np.nanmean(stds**2)), rel=0.05)
     assert 0 < hip["ok_after_ratio"] < 1
     assert picture.read_bytes().startswith(b"\x89PNG")
-    table = duckdb.sql(f"SELECT * FROM '{output}/estimate_differences.csv'").fetchall()
-    assert len(table) == len(told["differences"])
+    counted = rows_of(f"SELECT count(*) FROM '{output}/estimate_differences.csv'")
+    assert counted == [[len(told["differences"])]]
 
     again = gaitd(
         *("fleet", "estimate", *folders, "--robot", other, "--output", output),
@@ -202,8 +201,7 @@ def test_the_sql_of_the_document_works_on_the_results(made):
     output, results = made
     sql = re.search(r"```sql\n(.*?)```", FLEET_PAGE.read_text(encoding="utf-8"), re.DOTALL)[1]
 
-    with contextlib.chdir(output.parent):
-        rows = duckdb.sql(sql).fetchall()
+    rows = rows_of(sql, folder=output.parent)
 
     assert len(rows) == len(results)
     assert all(mean_nm > 0 for _, mean_nm in rows)

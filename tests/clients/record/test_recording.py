@@ -5,8 +5,6 @@ import os
 import random
 import re
 import shutil
-import subprocess
-import sys
 from types import SimpleNamespace
 
 import matplotlib
@@ -17,6 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from command_line import gaitd
+from duckdb_program import rows_of
 from gaitd_client import Target, wire
 from gaitd_names import Mode
 from gaitd_record import (
@@ -67,13 +66,6 @@ def session():
 @pytest.fixture(scope="module")
 def published(session):
     return published_by(session)
-
-
-def duckdb(query):
-    """What DuckDB answers, in a process of its own: at its end it prints what it leaks."""
-    words = "import sys, json, duckdb; print(json.dumps(duckdb.sql(sys.argv[1]).fetchall()))"
-    asked = [sys.executable, "-c", words, query]
-    return json.loads(subprocess.run(asked, capture_output=True, check=True, text=True).stdout)
 
 
 @pytest.fixture(scope="module")
@@ -129,9 +121,9 @@ def test_another_program_reads_estimates_and_exports_a_recording_as_csv(publishe
         "cycle, mode, hip_patient_nm, hip_patient_nm_std, slide_velocity_m_per_s,"
         " reference_hip_angle_rad, innovation_slide_m, assist_slide_n, slide_validity, status"
     )
-    rows = duckdb(f"SELECT {fields} FROM '{whole.path}/right.estimates.parquet'")
+    rows = rows_of(f"SELECT {fields} FROM '{whole.path}/right.estimates.parquet'")
     csv = tmp_path / "exported.csv"
-    duckdb(f"COPY (FROM '{whole.path}/right.recording.parquet') TO '{csv}'")
+    rows_of(f"COPY (FROM '{whole.path}/right.recording.parquet') TO '{csv}'")
 
     messages = published.of("right/estimate", wire.Estimate)
 
@@ -166,7 +158,7 @@ def same_rows(whole, tmp_path_factory):
     rows, csv = folder / "same.parquet", folder / "same.csv"
     table = pq.read_table(whole.path / "right.recording.parquet").replace_schema_metadata()
     pq.write_table(table.filter(table["hip_angle_rad"].is_valid()), rows)
-    duckdb(f"COPY (FROM '{rows}') TO '{csv}'")
+    rows_of(f"COPY (FROM '{rows}') TO '{csv}'")
     return rows, csv
 
 
@@ -247,7 +239,7 @@ def test_tables_tell_units_and_meanings_and_are_joined_by_boot_and_cycle(publish
         (row["id"], row["kind"], row["code"], row["cause"], json.loads(row["values_json"]))
         for row in tables["events"].to_pylist()
     ] == [(one.id, one.kind, one.code, one.cause, one.values) for one in events]
-    assert duckdb(query) == [["TIMESTAMPTZ_NS", "stopped", "stopping"]]
+    assert rows_of(query) == [["TIMESTAMPTZ_NS", "stopped", "stopping"]]
 
 
 def part_of(published, folder, count):
