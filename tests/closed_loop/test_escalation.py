@@ -1,5 +1,7 @@
 """A stop that is not obeyed goes further, step by step, by drives that ignore more and more."""
 
+from collections import defaultdict, deque
+
 import pytest
 from gaitd_names import Cause, Mode
 from wire import SYNC, change_what_drives_hear
@@ -60,3 +62,38 @@ def test_what_a_drive_ignores_takes_it_one_step_further_and_no_further(
     # Asked of the plant itself: the log of the truth has no row without a SYNC.
     assert max(map(abs, session.machine.trainers["right"].truth().velocity)) < 0.05
     assert any(frame.can_id == SYNC for frame in session.bus.sent)
+
+
+COMMANDS_OF_THE_SLIDE = {0x206, 0x306}
+OVERCURRENT = 0x2310
+LATE_CYCLES = 2
+BEFORE_PHASE = 0.65
+"""Before the slide of the gait gains most of its speed."""
+
+
+def hears_late(session):
+    """The slide's drive hears its commands so late, which is within its time to obey."""
+    heard = defaultdict(lambda: deque(maxlen=LATE_CYCLES + 1))
+
+    def change(frame: Frame) -> Frame:
+        if frame.can_id not in COMMANDS_OF_THE_SLIDE:
+            return frame
+        heard[frame.can_id].append(frame)
+        return heard[frame.can_id][0]
+
+    change_what_drives_hear(session, change)
+
+
+def test_a_drive_whose_joint_gains_speed_until_it_obeys_has_obeyed(warm_fast_gait):
+    session = warm_fast_gait
+    session.run_until(lambda record: 0 <= record.gait_phase - BEFORE_PHASE < 0.01, within_s=3.0)
+    hears_late(session)
+    session.run(0.04)
+
+    session.command(f"emcy right/hip - {OVERCURRENT}")
+    session.until(Mode.FAULT, within_s=3.0)
+
+    stopped = [record for record in session.records if record.mode == Mode.STOPPING]
+    speeds_si = [abs(record.drives[1].velocity) for record in stopped]
+    assert max(speeds_si) > 1.2 * speeds_si[0]
+    assert {record.verdict.cause for record in stopped} == {Cause.EMERGENCY}

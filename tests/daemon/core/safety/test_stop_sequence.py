@@ -330,6 +330,42 @@ def test_the_speed_that_is_allowed_falls_along_the_ramp_to_its_floor(step, direc
             assert stop.step == (step if obeyed else step + 1)
 
 
+@pytest.mark.parametrize(
+    ("begun_si", "until_obeyed", "ramp_si"),
+    [
+        (1.0, [1.2, 1.6, 1.4], 1.6),
+        (1.0, [0.9, 0.8, -1.3], 1.3),
+        (1.0, [0.9, 0.8, 0.7], 1.0),
+        (1.0, [30.0, 1.2, 1.2], 3.0),  # the most that the axis may have
+        (4.0, [3.9, 3.8, 3.7], 4.0),
+    ],
+)
+def test_the_ramp_begins_at_the_largest_speed_until_the_drive_has_to_obey(
+    begun_si, until_obeyed, ramp_si
+):
+    begun = stop_sequence.begin(Step.QUICK_STOP, JOINT._replace(velocity_si=begun_si), 103)
+    before = run(begun, STOPPING_DRIVE, [JOINT._replace(velocity_si=v) for v in until_obeyed])
+
+    for elapsed in range(4, 30):
+        allowed_si = 1.5 * max(ramp_si - 20.0 * 0.01 * (elapsed - 3), 0.0) + 3 * 0.02
+        for ratio, obeyed in ((0.999, True), (1.001, False)):
+            joint = JOINT._replace(velocity_si=ratio * allowed_si)
+            cycle = 103 + elapsed
+            stop = stop_sequence.advance(before, STOPPING_DRIVE, joint, LIMITS, RULES, cycle)
+            assert stop.disobeyed is not obeyed
+
+
+@pytest.mark.parametrize("late", [{"fresh": True}, {"fresh": False}])
+def test_a_speed_that_is_too_late_or_not_seen_begins_no_ramp(late):
+    begun = stop_sequence.begin(Step.QUICK_STOP, FAST, 100)
+    faster = JOINT._replace(velocity_si=2.0, **late)
+    seen = [FAST] * 3 if faster.fresh else [faster] * 3
+
+    stop = run(begun, STOPPING_DRIVE, [*seen, faster])
+
+    assert (stop.disobeyed, stop.step) == (True, Step.DISABLE)
+
+
 def test_a_next_step_begins_at_its_cycle_and_speed_and_keeps_what_was_found():
     stop = stop_sequence.DriveStop(
         *(Step.QUICK_STOP, 100, 0.3), at_rest_cycles=4, has_rested=True, disobeyed=True

@@ -371,7 +371,7 @@ class Model:
             if stop is not None:
                 axis.stop = stop._replace(
                     since_cycle=NOW - 1 - min(NOW - stop.since_cycle, 1),
-                    start_speed_si=0.0,
+                    ramp_speed_si=0.0,
                     at_rest_cycles=min(stop.at_rest_cycles, 2),
                     unproven_cycles=min(stop.unproven_cycles, 2),
                 )

@@ -1,5 +1,6 @@
 """Each rule of the supervisor on a core set to one state: what changes, and what is told."""
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -502,7 +503,7 @@ def test_only_a_drive_that_was_moved_against_must_slow_at_once(cause, index):
     supervisor.stop(core, verdict, 123)
 
     judged = [one == index and cause is Cause.MOVED_AGAINST_DRIVE for one in (0, 1)]
-    assert [axis.stop.must_slow for axis in core.axes] == judged
+    assert [axis.stop.must_slow_below_si < math.inf for axis in core.axes] == judged
 
 
 @pytest.mark.parametrize(
