@@ -25,8 +25,9 @@ Rules:
 
    "Its ramp": obeyed as long as the speed falls along the ramp, and a joint at rest stays there.
    The ramp of a quick stop begins at the largest speed of the cycles that a drive has to obey:
-   until it obeys, its last target accelerates the joint, in a gait of 0.5 Hz by 0.3 m/s in two
-   cycles. A hold has its grace for that.
+   until it obeys, its last target accelerates the joint, in a gait of 0.5 Hz by 0.2 m/s a cycle.
+   A joint gains no more than RAMP_GAIN_RATIO times what the ramp takes: one false sample excuses
+   no drive for long. The ramp of a hold begins at the speed of its first cycle, after its grace.
 7. Where a person has moved the joint against its drive, the sign of the drive has been judged by
    the joint's response. A drive whose sign is wrong would drive the joint on: the stop escalates in
    the third cycle unless the speed is below that at its begin.
@@ -67,7 +68,8 @@ class DriveStop(NamedTuple):
     since_cycle: int
     """When this step was first commanded."""
     ramp_speed_si: float
-    """Speed at which the ramp begins: at that cycle, or until a quick stop had to be obeyed."""
+    """Speed at which the ramp begins: at that cycle; of a quick stop the largest until it had to
+    be obeyed."""
     at_rest_cycles: int = 0
     has_rested: bool = False
     """The drive has come to rest in this step: it is held, and no longer on a ramp."""
@@ -94,6 +96,8 @@ HELD_SPEED_RATIO = 10.0
 """Speed, as a multiple of standstill, above which a drive at rest counts as not held."""
 SLOWED_CYCLES = 3
 """Cycles after which a drive whose sign was judged must have slowed its joint (rule 7)."""
+RAMP_GAIN_RATIO: Final = 2.0
+"""Most that a joint gains in a cycle before its drive obeys, over what the ramp takes in one."""
 RAMP_FLOOR_RATIO = 3.0
 """Lowest speed bound of the ramp, as a multiple of standstill: encoder noise is no motion.
 
@@ -101,6 +105,8 @@ While the core's own hold still settles, HELD_SPEED_RATIO applies: a joint that 
 of the gait, is pushed by the braking of the other one.
 """
 
+SHOWN_LATE_CYCLES: Final = 1
+"""A sample shows the mean speed of the cycle before it: half a cycle, and half for the ramp's."""
 HOLD_GRACE_CYCLES: Final = cycles(0.3)
 """Extra time of the core's hold, which is softer than a drive's ramp: spring, damper, friction."""
 
@@ -163,8 +169,8 @@ def advance(
         at_rest = joints.is_at_rest(joint, limits)
         stop = stop._replace(at_rest_cycles=stop.at_rest_cycles + 1 if at_rest else 0)
         if stop.step == Step.QUICK_STOP and cycle - stop.since_cycle <= rules.obey_cycles:
-            # A sample that is wrong shows more than an axis may have, and must excuse no drive.
-            speed_si = min(abs(joint.velocity_si), limits.velocity_max_si)
+            gain_si = RAMP_GAIN_RATIO * limits.quick_stop_deceleration_si_per_s2 * rules.period_s
+            speed_si = min(abs(joint.velocity_si), stop.ramp_speed_si + gain_si)
             stop = stop._replace(ramp_speed_si=max(stop.ramp_speed_si, speed_si))
     unproven = feedback.power_state in _UNPROVEN
     stop = stop._replace(
@@ -230,7 +236,7 @@ def _allowed_speed_si(
     floor_si = limits.standstill_si_per_s
     if stop.has_rested:
         return HELD_SPEED_RATIO * floor_si
-    grace_cycles = HOLD_GRACE_CYCLES if stop.step == Step.HOLD else 0
+    grace_cycles = HOLD_GRACE_CYCLES if stop.step == Step.HOLD else SHOWN_LATE_CYCLES
     ramp_cycles = elapsed_cycles - rules.obey_cycles - grace_cycles
     ramp_s = max(ramp_cycles, 0) * rules.period_s
     on_ramp_si = stop.ramp_speed_si - limits.quick_stop_deceleration_si_per_s2 * ramp_s
