@@ -27,7 +27,9 @@ Rules:
    The ramp of a quick stop begins at the largest speed of the cycles that a drive has to obey:
    until it obeys, its last target accelerates the joint, in a gait of 0.5 Hz by 0.2 m/s a cycle.
    A joint gains no more than RAMP_GAIN_RATIO times what the ramp takes: one false sample excuses
-   no drive for long. The ramp of a hold begins at the speed of its first cycle, after its grace.
+   no drive for long. Then no speed above that of the ramp's begin is allowed: a drive of the wrong
+   sign drives its joint on. The ramp of a hold begins at the speed of its first cycle, after its
+   grace.
 7. Where a person has moved the joint against its drive, the sign of the drive has been judged by
    the joint's response. A drive whose sign is wrong would drive the joint on: the stop escalates in
    the third cycle unless the speed is below that at its begin.
@@ -242,4 +244,7 @@ def _allowed_speed_si(
     on_ramp_si = stop.ramp_speed_si - limits.quick_stop_deceleration_si_per_s2 * ramp_s
     yields = stop.step == Step.HOLD and ramp_cycles <= 0
     floor_ratio = HELD_SPEED_RATIO if yields else RAMP_FLOOR_RATIO
-    return rules.ramp_margin_ratio * max(on_ramp_si, 0.0) + floor_ratio * floor_si
+    allowed_si = rules.ramp_margin_ratio * max(on_ramp_si, 0.0)
+    if stop.step == Step.QUICK_STOP:
+        allowed_si = min(allowed_si, stop.ramp_speed_si)
+    return allowed_si + floor_ratio * floor_si

@@ -322,7 +322,8 @@ def test_the_speed_that_is_allowed_falls_along_the_ramp_to_its_floor(step, direc
     for elapsed in range(4, 60):
         ramp_s = max(elapsed - first, 0) * 0.01
         floor_ratio = 10 if step is Step.HOLD and elapsed <= first else 3
-        allowed_si = 1.5 * max(1.0 - 20.0 * ramp_s, 0.0) + floor_ratio * 0.02
+        most_si = 1.5 if step is Step.HOLD else 1.0
+        allowed_si = min(1.5 * max(1.0 - 20.0 * ramp_s, 0.0), most_si) + floor_ratio * 0.02
         for ratio, obeyed in ((0.999, True), (1.001, False)):
             joint = JOINT._replace(velocity_si=direction * ratio * allowed_si)
             stop = stop_sequence.advance(begun, shown, joint, LIMITS, RULES, 100 + elapsed)
@@ -348,7 +349,7 @@ def test_the_ramp_begins_at_the_largest_speed_until_the_drive_has_to_obey(
     before = run(begun, STOPPING_DRIVE, [JOINT._replace(velocity_si=v) for v in until_obeyed])
 
     for elapsed in range(4, 30):
-        allowed_si = 1.5 * max(ramp_si - 20.0 * 0.01 * (elapsed - 4), 0.0) + 3 * 0.02
+        allowed_si = 3 * 0.02 + min(1.5 * max(ramp_si - 0.2 * (elapsed - 4), 0.0), ramp_si)
         for ratio, obeyed in ((0.999, True), (1.001, False)):
             joint = JOINT._replace(velocity_si=ratio * allowed_si)
             cycle = 103 + elapsed
