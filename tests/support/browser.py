@@ -280,13 +280,18 @@ class Tab:
             self.errors.append(message.text)
 
     def until(self, expression, within_s=20):
-        """Poll: `wait_for_function` needs eval, which our policy forbids."""
+        """Poll: `wait_for_function` needs eval, which our policy forbids.
+
+        Returns:
+            The first value that is true. What belongs to a condition is asked for with it: on a
+            busy computer a page may lose the connection between two questions.
+        """
         from playwright.sync_api import Error
 
         for _ in range(within_s * 50):
             with contextlib.suppress(Error):  # the page is being loaded
-                if self.page.evaluate(expression):
-                    return
+                if value := self.page.evaluate(expression):
+                    return value
             self.page.wait_for_timeout(20)
         shown = self.page.evaluate("JSON.stringify(document.body.dataset)")
         raise AssertionError(f"not true in {within_s} s: {expression}; shown is {shown}")
