@@ -2,8 +2,9 @@
 
 To start one of them as a program costs more than a CPU-second before it does anything. From the
 fork on it is what it always is: a process with its signals, descriptors and memory. The gateway,
-which has threads of Zenoh, every other program, and all that tests with a rig start are executed,
-as people start them. A plugin of pytest; see `tests/conftest.py`.
+which has threads of Zenoh, every other program, and all that tests with a rig and thorough tests
+start are executed, as people start them: a fork has the memory of its parent, too. A plugin of
+pytest; see `tests/conftest.py`.
 """
 
 import ctypes
@@ -24,7 +25,7 @@ from gaitd_lab import processes
 FORKED: Final = ("core", "sim")
 ALTERED_CORE: Final = str(Path(__file__).with_name("altered_core.py"))
 """A program that is the core, but for what it replaces in it."""
-AS_PEOPLE_START_THEM: Final = ("rig_vcan", "rig_systemd", "rig_browser")
+AS_PEOPLE_START_THEM: Final = ("rig_vcan", "rig_systemd", "rig_browser", "thorough")
 """Marks of tests whose processes are executed."""
 EXECUTED: Final = processes.ManagedProcess
 PR_SET_PDEATHSIG: Final = 1
@@ -121,6 +122,6 @@ def start_part(
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Fork the parts that this test starts, if it needs no rig."""
+    """Fork the parts that this test starts, or execute them."""
     is_forked = not any(item.get_closest_marker(name) for name in AS_PEOPLE_START_THEM)
     processes.ManagedProcess = start_part if is_forked else EXECUTED

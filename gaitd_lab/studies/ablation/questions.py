@@ -69,7 +69,7 @@ QUESTIONS: Final = (
     ),
     Question(
         "agility",
-        "Patient's noise that rises while the innovations have a biased mean",
+        "Patient's noise that follows how much the innovations agree",
         (*_gaits("paper lugre", "0.25 0.5", "active"), *_gaits("paper", "0.5", "passive")),
         (SHIPPED, "noise never rises"),
     ),
