@@ -27,9 +27,9 @@ Rules:
    The ramp of a quick stop begins at the largest speed of the cycles that a drive has to obey:
    until it obeys, its last target accelerates the joint, in a gait of 0.5 Hz by 0.2 m/s a cycle.
    A joint gains no more than RAMP_GAIN_RATIO times what the ramp takes: one false sample excuses
-   no drive for long. Then no speed above that of the ramp's begin is allowed: a drive of the wrong
-   sign drives its joint on. The ramp of a hold begins at the speed of its first cycle, after its
-   grace.
+   no drive for long. From then on the speed falls at least as fast as the ramp over the margin: a
+   drive that lets its joint coast, or whose sign is wrong, is found within cycles. The ramp of a
+   hold begins at the speed of its first cycle, after its grace.
 7. Where a person has moved the joint against its drive, the sign of the drive has been judged by
    the joint's response. A drive whose sign is wrong would drive the joint on: the stop escalates in
    the third cycle unless the speed is below that at its begin.
@@ -241,10 +241,10 @@ def _allowed_speed_si(
     grace_cycles = HOLD_GRACE_CYCLES if stop.step == Step.HOLD else SHOWN_LATE_CYCLES
     ramp_cycles = elapsed_cycles - rules.obey_cycles - grace_cycles
     ramp_s = max(ramp_cycles, 0) * rules.period_s
-    on_ramp_si = stop.ramp_speed_si - limits.quick_stop_deceleration_si_per_s2 * ramp_s
+    loss_si = limits.quick_stop_deceleration_si_per_s2 * ramp_s
     yields = stop.step == Step.HOLD and ramp_cycles <= 0
     floor_ratio = HELD_SPEED_RATIO if yields else RAMP_FLOOR_RATIO
-    allowed_si = rules.ramp_margin_ratio * max(on_ramp_si, 0.0)
+    allowed_si = rules.ramp_margin_ratio * (stop.ramp_speed_si - loss_si)
     if stop.step == Step.QUICK_STOP:
-        allowed_si = min(allowed_si, stop.ramp_speed_si)
-    return allowed_si + floor_ratio * floor_si
+        allowed_si = min(allowed_si, stop.ramp_speed_si - loss_si / rules.ramp_margin_ratio)
+    return max(allowed_si, 0.0) + floor_ratio * floor_si

@@ -315,15 +315,18 @@ def test_the_core_s_own_hold_has_thirty_cycles_to_settle(ratio, cycles, reached)
 @pytest.mark.parametrize("direction", [-1, 1])
 @pytest.mark.parametrize("step", [Step.HOLD, Step.QUICK_STOP])
 def test_the_speed_that_is_allowed_falls_along_the_ramp_to_its_floor(step, direction):
-    """1.5 times the ramp of 20 per s² from a speed of 1, and a multiple of 0.02 per s."""
+    """From a speed of 1: 1.5 times the ramp of 20 per s², and a multiple of 0.02 per s.
+
+    A quick stop takes at least the ramp's 20 / 1.5 per s² from the speed.
+    """
     begun = stop_sequence.begin(step, FAST._replace(velocity_si=-direction * 1.0), 100)
     shown = FEEDBACK if step is Step.HOLD else STOPPING_DRIVE
     first = 3 + (30 if step is Step.HOLD else 1)
     for elapsed in range(4, 60):
         ramp_s = max(elapsed - first, 0) * 0.01
         floor_ratio = 10 if step is Step.HOLD and elapsed <= first else 3
-        most_si = 1.5 if step is Step.HOLD else 1.0
-        allowed_si = min(1.5 * max(1.0 - 20.0 * ramp_s, 0.0), most_si) + floor_ratio * 0.02
+        slowest_si = 1.5 if step is Step.HOLD else 1.0 - 20.0 * ramp_s / 1.5
+        allowed_si = max(min(1.5 * (1.0 - 20.0 * ramp_s), slowest_si), 0.0) + floor_ratio * 0.02
         for ratio, obeyed in ((0.999, True), (1.001, False)):
             joint = JOINT._replace(velocity_si=direction * ratio * allowed_si)
             stop = stop_sequence.advance(begun, shown, joint, LIMITS, RULES, 100 + elapsed)
@@ -349,12 +352,22 @@ def test_the_ramp_begins_at_the_largest_speed_until_the_drive_has_to_obey(
     before = run(begun, STOPPING_DRIVE, [JOINT._replace(velocity_si=v) for v in until_obeyed])
 
     for elapsed in range(4, 30):
-        allowed_si = 3 * 0.02 + min(1.5 * max(ramp_si - 0.2 * (elapsed - 4), 0.0), ramp_si)
+        loss_si = 0.2 * (elapsed - 4)
+        allowed_si = 3 * 0.02 + max(min(1.5 * (ramp_si - loss_si), ramp_si - loss_si / 1.5), 0.0)
         for ratio, obeyed in ((0.999, True), (1.001, False)):
             joint = JOINT._replace(velocity_si=ratio * allowed_si)
             cycle = 103 + elapsed
             stop = stop_sequence.advance(before, STOPPING_DRIVE, joint, LIMITS, RULES, cycle)
             assert stop.disobeyed is not obeyed
+
+
+@pytest.mark.parametrize("gained_si", [0.0, 0.1, 0.2])
+def test_a_drive_that_lets_its_joint_coast_is_found_two_cycles_after_it_had_to_obey(gained_si):
+    begun = stop_sequence.begin(Step.QUICK_STOP, FAST, 100)
+    driven = [JOINT._replace(velocity_si=1.0 + gained_si * k) for k in (1, 2, 3)]
+
+    assert run(begun, STOPPING_DRIVE, [*driven, driven[-1]]).step == Step.QUICK_STOP
+    assert run(begun, STOPPING_DRIVE, [*driven, *driven[-1:] * 2]).step == Step.DISABLE
 
 
 @pytest.mark.parametrize("late", [{"fresh": True}, {"fresh": False}])
