@@ -249,8 +249,8 @@ class Stop(Table, frozen=True):
     hip: HipStop
     slide: SlideStop
     ramp_margin_ratio: Annotated[float, Meta(gt=1, le=5)]
-    """A speed of this many times what the quick-stop ramp allows counts as disobeyed; so does a loss
-    of speed below that of the ramp over this."""
+    """A speed of this many times what the quick-stop ramp allows counts as disobeyed; so does a
+    loss of speed below that of the ramp over this."""
     assist_fade_ms: Annotated[int, Meta(ge=20, le=2000)]
     """Time in which assist fades when its lease or its setpoints end."""
 
